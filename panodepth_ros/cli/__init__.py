@@ -1,0 +1,1 @@
+"""The ``panodepth_ros`` command and the simulated arm's executable."""

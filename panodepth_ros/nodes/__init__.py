@@ -1,0 +1,1 @@
+"""The ROS 2 nodes, one file each: declare, subscribe, ask the core, publish."""

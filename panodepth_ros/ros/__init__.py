@@ -1,0 +1,1 @@
+"""What every node shares: parameter tables, message conversion, quality of service, start-up."""

@@ -1,0 +1,69 @@
+"""Metadata for pip and colcon alike; pyproject.toml holds the build system and the tools' tables."""
+
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+HERE = Path(__file__).parent
+PACKAGE = 'panodepth_ros'
+
+
+def pinned(distro: str) -> list[str]:
+    """ROS 2 of one distribution as exact wheels from PyPI; never two in one environment."""
+    return (HERE / 'requirements' / f'{distro}.txt').read_text().split()
+
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    description='Panoramic depth and laser scans from one camera on a rotating arm, for ROS 2',
+    long_description=(HERE / 'README.md').read_text(),
+    long_description_content_type='text/markdown',
+    license='Apache-2.0',
+    maintainer='panodepth_ros maintainers',
+    maintainer_email='maintainers@panodepth-ros.invalid',
+    packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    package_data={PACKAGE: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        (f'share/{PACKAGE}/config', sorted(glob('config/*.yaml'))),
+        (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
+    ],
+    python_requires='>=3.10',
+    # rclpy is not here: a robot has it from its distribution, everyone else from an extra.
+    install_requires=[
+        'numba>=0.58',
+        'numpy>=1.26',
+        'opencv-python-headless>=4.6',
+        'pyserial>=3.5',
+        'pyyaml>=6.0',
+    ],
+    extras_require={
+        'jazzy': pinned('jazzy'),
+        'kilted': pinned('kilted'),
+        'bag': ['rosbags>=0.10'],
+        'plot': ['matplotlib>=3.6'],
+        'test': [
+            'colcon-common-extensions==0.3.0',
+            'hypothesis>=6.80',
+            'mypy==2.4.1',
+            'pytest>=7.4',
+            'pytest-timeout>=2.2',
+            'ruff==0.17.6',
+            'types-PyYAML',
+        ],
+    },
+    zip_safe=True,
+    entry_points={
+        'console_scripts': [
+            'arm_driver = panodepth_ros.nodes.arm_driver:main',
+            'camera = panodepth_ros.nodes.camera:main',
+            'mosaicer = panodepth_ros.nodes.mosaicer:main',
+            'depth = panodepth_ros.nodes.depth:main',
+            'simulated_arm = panodepth_ros.cli.simulated_arm:main',
+            'panodepth_ros = panodepth_ros.cli.main:main',
+        ],
+    },
+)
