@@ -1,0 +1,126 @@
+"""Triangulation of a left and a right panorama: column disparity to azimuth and distance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from panodepth_ros.geometry.equations import search_range
+from panodepth_ros.geometry.panorama import PanoramaGeometry
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Points:
+    """
+    Points on the left panorama's pixel grid, in the scan frame.
+
+    Attributes
+    ----------
+    radial_distance : ndarray of float64, shape (H, W)
+        Horizontal distance l from the axis [m]; NaN where unknown.
+    azimuth : ndarray of float64, shape (H, W)
+        Azimuth α seen from the axis [rad], in [−π, π); NaN where unknown.
+    height : ndarray of float64, shape (H, W)
+        Height z above the optical centre [m]; NaN where unknown.
+    """
+
+    radial_distance: npt.NDArray[np.float64]
+    azimuth: npt.NDArray[np.float64]
+    height: npt.NDArray[np.float64]
+
+
+def check_pair(left: PanoramaGeometry, right: PanoramaGeometry) -> None:
+    """
+    Refuse two panoramas that are not a left and a right eye of one sweep.
+
+    Raises
+    ------
+    ValueError
+        Names the property that differs or is wrong.
+    """
+    for name in ('columns', 'rows', 'arm_radius', 'focal_length_px', 'principal_row'):
+        ours, theirs = getattr(left, name), getattr(right, name)
+        if not np.isclose(ours, theirs, rtol=1e-9, atol=0):
+            raise ValueError(f'{name} is {ours} on the left and {theirs} on the right panorama')
+    if not np.isclose(left.principal_angle, -right.principal_angle) or right.principal_angle <= 0:
+        raise ValueError(
+            f'principal_angle is {left.principal_angle} on the left and {right.principal_angle} '
+            'on the right panorama; allowed: −φ and +φ of a symmetric pair'
+        )
+
+
+def pair_search_range(left: PanoramaGeometry, right: PanoramaGeometry) -> int:
+    """Return n: a point at column x on the left lies at x+1 … x+n on the right (sec. 6.2)."""
+    check_pair(left, right)
+    return search_range(right.principal_angle, right.column_step)
+
+
+def triangulate(
+    column_disparity: npt.NDArray[np.floating], left: PanoramaGeometry, right: PanoramaGeometry
+) -> Points:
+    """
+    Points from column disparities.
+
+    Parameters
+    ----------
+    column_disparity : ndarray of float, shape (H, W)
+        dx on the left panorama's grid, right column minus left column [columns], NaN unmatched.
+    left, right : PanoramaGeometry
+        The pair.
+
+    Returns
+    -------
+    Points
+        NaN where unmatched, where a ray is unseen and where the rays do not meet ahead.
+
+    Raises
+    ------
+    ValueError
+        If the panoramas are not a pair or the disparity has another size.
+
+    Notes
+    -----
+    A left ray touches the circle a = r·sin(−ψ_L), a right ray the circle b = r·sin ψ_R. With
+    Δ = β_R − β_L they meet at l = √(a² + b² + 2ab·cos Δ) / sin Δ; for a = b this is eq. 2,
+    l = r0 / sin(δ/2). The azimuth follows from the left ray, α = β_L + asin(a/l), which for
+    a = b is (β_L + β_R)/2. Height: z = d·slope, d = √(l² − a²) − r·cos ψ_L.
+    """
+    check_pair(left, right)
+    if column_disparity.shape != (left.rows, left.columns):
+        raise ValueError(
+            f'column_disparity has shape {column_disparity.shape}; '
+            f'allowed: {(left.rows, left.columns)}'
+        )
+    dx = column_disparity.astype(np.float64)
+    x_left = np.arange(left.columns, dtype=np.float64)[np.newaxis, :]
+    ray_angle_left = left.ray_angle[np.newaxis, :]
+    ray_angle_right = _at_columns(right.ray_angle, x_left + dx)
+    a = left.arm_radius * np.sin(-ray_angle_left)
+    b = right.arm_radius * np.sin(ray_angle_right)
+    beta_left = left.ray_azimuth(x_left)
+    delta = right.ray_azimuth(x_left + dx) - beta_left
+    delta = (delta + np.pi) % (2 * np.pi) - np.pi
+    with np.errstate(divide='ignore', invalid='ignore'):
+        distance = np.sqrt(a**2 + b**2 + 2 * a * b * np.cos(delta)) / np.sin(delta)
+        ahead = (delta > 0) & (delta < np.pi) & (distance > left.arm_radius)
+        distance = np.where(ahead, distance, np.nan)
+        azimuth = beta_left + np.arcsin(a / distance)
+        d = np.sqrt(distance**2 - a**2) - left.arm_radius * np.cos(ray_angle_left)
+    height = d * left.slope(np.arange(left.rows))[:, np.newaxis]
+    azimuth = (azimuth + np.pi) % (2 * np.pi) - np.pi
+    return Points(radial_distance=distance, azimuth=azimuth, height=height)
+
+
+def _at_columns(
+    ray_angle: npt.NDArray[np.float64], column: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Ray angle at real columns, linear between neighbours, wrapping; NaN next to an unseen one."""
+    matched = np.isfinite(column)
+    whole = np.floor(np.where(matched, column, 0.0))
+    share = np.where(matched, column, 0.0) - whole
+    index = whole.astype(np.int64) % ray_angle.size
+    low, high = ray_angle[index], ray_angle[(index + 1) % ray_angle.size]
+    between = np.where(share > 0, low + share * (high - low), low)
+    return np.where(matched, between, np.nan)

@@ -1,0 +1,136 @@
+"""
+A panorama and what its columns mean: column to ray azimuth, row to slope.
+
+Columns run clockwise, ``ray_azimuth(x) = (azimuth_column − x)·column_step``; a panorama always
+has all the columns of a turn and wraps around (docs/conventions.md).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+#: Rays that differ from the principal angle by less than this count as equal to it [rad].
+RAY_ANGLE_TOLERANCE = 1e-7
+
+
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
+class PanoramaGeometry:
+    """
+    Geometry of one panorama: everything that turns a pixel into a ray.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Size W × H; W columns are a full turn.
+    azimuth_column : float
+        Column whose ray looks along azimuth 0; any real number.
+    focal_length_px : float
+        F = fy/cos φ: a pixel at row v has the slope z/d = (principal_row − v)/F.
+    principal_row : float
+        Row of slope 0.
+    arm_radius : float
+        r, axis to optical centre [m].
+    principal_angle : float
+        Angle from the arm to the chosen ray [rad]: negative for the left eye, positive for the
+        right eye, 0 for the centre.
+    sweep_duration : float
+        How long the sweep took [s].
+    ray_angle : ndarray of float64, shape (W,)
+        ψ, angle from the arm to the ray of each column [rad]; NaN where no frame saw the column.
+
+    Raises
+    ------
+    ValueError
+        If a value cannot describe a panorama.
+    """
+
+    columns: int
+    rows: int
+    azimuth_column: float
+    focal_length_px: float
+    principal_row: float
+    arm_radius: float
+    principal_angle: float
+    sweep_duration: float
+    ray_angle: npt.NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for name in ('columns', 'rows', 'focal_length_px', 'arm_radius'):
+            value = getattr(self, name)
+            if not (value > 0 and math.isfinite(value)):
+                raise ValueError(f'panorama {name} is {value}; allowed: finite and above 0')
+        for name in ('azimuth_column', 'principal_row'):
+            if not math.isfinite(getattr(self, name)):
+                raise ValueError(f'panorama {name} is {getattr(self, name)}; allowed: finite')
+        if not -math.pi / 2 < self.principal_angle < math.pi / 2:
+            raise ValueError(
+                f'panorama principal_angle is {self.principal_angle} rad; '
+                'allowed: above −π/2, below π/2'
+            )
+        if not self.sweep_duration >= 0:
+            raise ValueError(f'panorama sweep_duration is {self.sweep_duration} s; allowed: >= 0')
+        if self.ray_angle.shape != (self.columns,):
+            raise ValueError(
+                f'panorama has {self.columns} columns, but ray_angle has shape '
+                f'{self.ray_angle.shape}; allowed: one per column'
+            )
+        if np.any(np.abs(self.ray_angle[self.seen]) >= math.pi / 2):
+            raise ValueError('panorama ray_angle holds an angle outside (−π/2, π/2)')
+
+    @property
+    def column_step(self) -> float:
+        """θ0, angle between neighbouring columns [rad]."""
+        return 2 * math.pi / self.columns
+
+    @property
+    def seen(self) -> npt.NDArray[np.bool_]:
+        """Whether a frame saw the column, shape (W,)."""
+        return np.isfinite(self.ray_angle)
+
+    @property
+    def uniform(self) -> bool:
+        """Whether every column was seen, and at the principal angle."""
+        deviation = np.abs(self.ray_angle - self.principal_angle)
+        return bool(np.all(deviation <= RAY_ANGLE_TOLERANCE))
+
+    def ray_azimuth(self, column: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Azimuth β at which a column looks [rad], not wrapped; any shape, columns may be real."""
+        return (self.azimuth_column - np.asarray(column, np.float64)) * self.column_step
+
+    def slope(self, row: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Height over horizontal distance from the camera centre, z/d, of a row; any shape."""
+        return (self.principal_row - np.asarray(row, np.float64)) / self.focal_length_px
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Panorama:
+    """
+    A panoramic image and its geometry.
+
+    Attributes
+    ----------
+    image : ndarray of uint8, shape (H, W) or (H, W, 3)
+        Grey or BGR.
+    geometry : PanoramaGeometry
+
+    Raises
+    ------
+    ValueError
+        If the image has another size or type than the geometry says.
+    """
+
+    image: npt.NDArray[np.uint8]
+    geometry: PanoramaGeometry
+
+    def __post_init__(self) -> None:
+        size = (self.geometry.rows, self.geometry.columns)
+        shape = self.image.shape
+        if self.image.dtype != np.uint8 or shape not in (size, (*size, 3)):
+            raise ValueError(
+                f'panorama image is {self.image.dtype} of shape {shape}; '
+                f'allowed: uint8 of {size} or {(*size, 3)}, as its geometry says'
+            )

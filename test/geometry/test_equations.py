@@ -1,0 +1,120 @@
+"""The paper's numbers, and the geometry against independent ray intersections."""
+
+import math
+
+import numpy as np
+import pytest
+
+from panodepth_ros.geometry import equations as eq
+
+R = 0.300
+STEP = math.radians(0.2)
+WIDE = math.radians(29.9625 / 2)
+NARROW = math.radians(3.6125 / 2)
+
+
+def test_view_angle_of_the_paper_follows_from_its_resolution():
+    # 34 degrees over 160 columns: a rotation of 0.2125 degrees shifts by one column.
+    assert math.degrees(eq.view_angle(160, 1.0, math.radians(34 / 160))) == pytest.approx(34)
+
+
+def test_linear_principal_angle_gives_the_papers_angles():
+    # Eq. 3 with 34 degrees over 160 columns: 141 and 17 columns apart.
+    two_phi = [2 * math.degrees(eq.linear_principal_angle(math.radians(34), 160, w))
+               for w in (141, 17)]
+    assert two_phi == pytest.approx([29.9625, 3.6125], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('phi', 'n', 'nearest_mm', 'farthest_mm'), [(WIDE, 149, 302, 54687), (NARROW, 18, 318, 86686)]
+)
+def test_search_range_and_distance_limits_of_section_6_2(phi, n, nearest_mm, farthest_mm):
+    assert eq.search_range(phi, STEP) == n
+    assert int(1000 * eq.nearest_distance(R, phi, STEP)) == nearest_mm
+    assert int(1000 * eq.farthest_distance(R, phi, STEP)) == farthest_mm
+
+
+def test_search_range_excludes_parallel_rays():
+    assert eq.search_range(10 * STEP / 2, STEP) == 9
+
+
+@pytest.mark.parametrize(
+    ('phi', 'share', 'row'),
+    [
+        (WIDE, 1 / 4, (394.5, 398.0, 401.5)),
+        (NARROW, 1 / 4, (372.5, 400.0, 431.8)),
+        (WIDE, 7 / 8, (2252.9, 2373.2, 2507.0)),
+        (NARROW, 7 / 8, (1663.0, 2399.6, 4307.4)),
+    ],
+)
+def test_table_1(phi, share, row):
+    theta = phi * share
+    half = STEP / 2
+    distances = 1000 * eq.radial_distance(
+        [theta - half, theta, theta + half], arm_radius=R, principal_angle=phi
+    )
+    assert distances == pytest.approx(row, abs=0.051)
+    before, after = eq.one_column_errors(
+        theta, arm_radius=R, principal_angle=phi, column_step=STEP
+    )
+    assert 1000 * before == pytest.approx(distances[1] - distances[0])
+    assert 1000 * after == pytest.approx(distances[2] - distances[1])
+
+
+@pytest.mark.parametrize(
+    ('phi', 'at_nearest_mm', 'at_farthest_mm'), [(WIDE, 2, 30172), (NARROW, 19, 81587)]
+)
+def test_table_2(phi, at_nearest_mm, at_farthest_mm):
+    n = eq.search_range(phi, STEP)
+    rig = {'arm_radius': R, 'principal_angle': phi, 'column_step': STEP}
+    nearest = 1000 * eq.one_column_errors(STEP / 2, **rig)[1]
+    farthest = 1000 * eq.one_column_errors(n * STEP / 2, **rig)[0]
+    assert int(nearest) == at_nearest_mm  # the paper cuts 19.77 off to 19
+    assert int(farthest) == at_farthest_mm
+
+
+def test_distance_is_where_both_rays_cross():
+    # Two lines in the plane, intersected without eq. 2.
+    phi, theta, arm = math.radians(15.0), math.radians(11.0), 0.7
+    rays = []
+    for gamma, psi in ((arm + theta, -phi), (arm - theta, phi)):
+        origin = R * np.array([math.cos(gamma), math.sin(gamma)])
+        rays.append((origin, np.array([math.cos(gamma + psi), math.sin(gamma + psi)])))
+    (o1, d1), (o2, d2) = rays
+    t, _ = np.linalg.solve(np.stack([d1, -d2], axis=1), o2 - o1)
+    crossing = o1 + t * d1
+    assert math.atan2(crossing[1], crossing[0]) == pytest.approx(arm)
+    distance = eq.radial_distance(theta, arm_radius=R, principal_angle=phi)
+    assert float(distance) == pytest.approx(np.hypot(*crossing))
+
+
+def test_distance_is_infinite_at_parallel_rays_and_unknown_beyond():
+    phi = math.radians(15.0)
+    distance = eq.radial_distance([phi, phi + 0.01, -0.01], arm_radius=R, principal_angle=phi)
+    assert distance[0] == math.inf
+    assert np.isnan(distance[1:]).all()
+
+
+def test_trusted_distance_is_the_last_with_an_error_below_the_bound():
+    rig = {'arm_radius': R, 'principal_angle': WIDE, 'column_step': STEP}
+    trusted = eq.trusted_distance(0.20, **rig)
+    columns = np.arange(1, 150)
+    distances = eq.radial_distance(columns * STEP / 2, arm_radius=R, principal_angle=WIDE)
+    k = int(np.argmin(np.abs(distances - trusted)))
+    assert distances[k] == trusted
+    assert distances[k] - distances[k - 1] <= 0.20 < distances[k + 1] - distances[k]
+
+
+def test_trusted_distance_is_unknown_when_no_distance_is_that_precise():
+    rig = {'arm_radius': R, 'principal_angle': NARROW, 'column_step': STEP}
+    assert math.isnan(eq.trusted_distance(0.001, **rig))
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'named'),
+    [({'arm_radius': 0.0, 'principal_angle': WIDE}, 'arm_radius'),
+     ({'arm_radius': R, 'principal_angle': 2.0}, 'principal_angle')],
+)
+def test_impossible_rig_is_refused_by_name(arguments, named):
+    with pytest.raises(ValueError, match=named):
+        eq.radial_distance(0.1, **arguments)
