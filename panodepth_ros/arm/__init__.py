@@ -1,0 +1,1 @@
+"""The rotating arm: GRBL protocol, serial line, driver, and a simulated controller."""
