@@ -1,0 +1,208 @@
+"""
+What every matching method takes and gives, and the table of the methods.
+
+A method lives in a module with a function ``(left, right, further, threads) → Correspondence``
+and a function ``prepare()`` that compiles its kernels. Methods are imported on first use.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from panodepth_ros.geometry import Panorama, PanoramaGeometry, check_pair
+
+#: Half width of the correlation window (2n+1)², n = 4 in the paper (sec. 7).
+WINDOW_HALF_WIDTH = 4
+
+_MODULES = {
+    'ncc': ('panodepth_ros.matching.ncc', 'match_ncc'),
+    'sparse': ('panodepth_ros.matching.sparse', 'match_sparse'),
+    'sgbm': ('panodepth_ros.matching.opencv', 'match_sgbm'),
+    'bm': ('panodepth_ros.matching.opencv', 'match_bm'),
+}
+
+#: Names of the methods.
+METHODS = tuple(_MODULES)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Correspondence:
+    """
+    Where the right panorama shows what the left panorama shows.
+
+    Attributes
+    ----------
+    column_disparity : ndarray of float32, shape (H, W)
+        dx, right column minus left column of the same point, on the left panorama's grid
+        [columns], sub-column; NaN where unmatched.
+    confidence : ndarray of float32, shape (H, W)
+        From 0 to 1, higher is better; NaN where unmatched. What it means is the method's.
+    """
+
+    column_disparity: npt.NDArray[np.float32]
+    confidence: npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class GreyPair:
+    """
+    A pair made ready for a kernel.
+
+    Attributes
+    ----------
+    left, right : ndarray of uint8, shape (H, W), C-contiguous
+        Grey levels; 0 in columns that were not seen.
+    left_seen, right_seen : ndarray of bool, shape (W,)
+        Whether a frame saw the column.
+    first, last : int
+        Search range: a left column x is sought at (x + dx) mod W, dx = first … last.
+    """
+
+    left: npt.NDArray[np.uint8]
+    right: npt.NDArray[np.uint8]
+    left_seen: npt.NDArray[np.bool_]
+    right_seen: npt.NDArray[np.bool_]
+    first: int
+    last: int
+
+
+def candidate_range(left: PanoramaGeometry, right: PanoramaGeometry) -> tuple[int, int]:
+    """
+    Smallest and largest column disparity worth searching.
+
+    Parameters
+    ----------
+    left, right : PanoramaGeometry
+        A symmetric pair.
+
+    Returns
+    -------
+    first, last : int
+        1 and n = φ div θ0/2 (sec. 6.2) if equal columns were taken at equal arm azimuths; both
+        are shifted if the two panoramas start at different azimuths.
+
+    Raises
+    ------
+    ValueError
+        If the panoramas are not a symmetric pair.
+
+    Notes
+    -----
+    A point at infinity has parallel rays, β_L = β_R, so dx is the difference of the azimuth
+    columns; a point on the arm's circle lies 2φ/θ0 columns below that. Both ends are excluded.
+    """
+    check_pair(left, right)
+    span = 2 * right.principal_angle / right.column_step
+    nearest = right.azimuth_column - left.azimuth_column - span
+    nearest -= left.columns * math.floor(nearest / left.columns + 0.5)
+    tolerance = 1e-6
+    first = math.floor(nearest + tolerance) + 1
+    last = math.ceil(nearest + span - tolerance) - 1
+    return first, last
+
+
+def grey_pair(left: Panorama, right: Panorama) -> GreyPair:
+    """
+    Grey levels, seen columns and search range of a pair.
+
+    Raises
+    ------
+    ValueError
+        If the panoramas are not a symmetric pair, or too small for window and search range.
+    """
+    first, last = candidate_range(left.geometry, right.geometry)
+    rows, columns = left.geometry.rows, left.geometry.columns
+    window = 2 * WINDOW_HALF_WIDTH + 1
+    if rows < window:
+        raise ValueError(f'panorama has {rows} rows; allowed: at least {window}, the window')
+    if last < first:
+        raise ValueError(
+            f'principal_angle {right.geometry.principal_angle} rad leaves no column to search at '
+            f'a column step of {right.geometry.column_step} rad; allowed: above half a step'
+        )
+    if columns < last - first + 1 + window:
+        raise ValueError(
+            f'panorama has {columns} columns; allowed: at least {last - first + 1 + window}, '
+            'the search range and the window'
+        )
+    return GreyPair(
+        left=_grey(left),
+        right=_grey(right),
+        left_seen=left.geometry.seen,
+        right_seen=right.geometry.seen,
+        first=first,
+        last=last,
+    )
+
+
+def _grey(panorama: Panorama) -> npt.NDArray[np.uint8]:
+    image = panorama.image
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image.copy()
+    grey[:, ~panorama.geometry.seen] = 0
+    return np.ascontiguousarray(grey, np.uint8)
+
+
+def match(
+    left: Panorama,
+    right: Panorama,
+    *,
+    further: Sequence[Panorama] = (),
+    method: str = 'ncc',
+    threads: int = 1,
+) -> Correspondence:
+    """
+    Match a symmetric pair of panoramas, row by row.
+
+    Parameters
+    ----------
+    left, right : Panorama
+        Left eye (principal angle −φ) and right eye (+φ) of one sweep, H × W.
+    further : sequence of Panorama
+        Other panoramas of the same sweep; methods that use one pair ignore them.
+    method : str
+        One of ``METHODS``.
+    threads : int
+        Threads to use, at least 1. The result does not depend on it.
+
+    Returns
+    -------
+    Correspondence
+        On the left panorama's grid. Rolling both panoramas rolls it.
+
+    Raises
+    ------
+    ValueError
+        If the panoramas are not a pair or too small, or the method is unknown.
+    """
+    if threads < 1:
+        raise ValueError(f'threads is {threads}; allowed: at least 1')
+    module, function = _method(method)
+    run: Callable[[Panorama, Panorama, Sequence[Panorama], int], Correspondence]
+    run = getattr(import_module(module), function)
+    return run(left, right, further, threads)
+
+
+def prepare(method: str) -> None:
+    """
+    Compile the kernels of a method, or load them from numba's cache.
+
+    Raises
+    ------
+    ValueError
+        If the method is unknown.
+    """
+    module, _ = _method(method)
+    import_module(module).prepare()
+
+
+def _method(name: str) -> tuple[str, str]:
+    if name not in _MODULES:
+        raise ValueError(f'method is {name!r}; allowed: {", ".join(METHODS)}')
+    return _MODULES[name]
