@@ -1,4 +1,4 @@
-"""The camera on the arm: a pinhole with lens distortion, as sensor_msgs/CameraInfo describes it."""
+"""The camera on the arm: a pinhole with lens distortion, as CameraInfo describes it."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ def triangulate(
 def _at_columns(
     ray_angle: npt.NDArray[np.float64], column: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Ray angle at real columns, linear between neighbours, wrapping; NaN next to an unseen one."""
+    """Ray angle at real columns, linear between neighbours, wrapping; NaN beside an unseen one."""
     matched = np.isfinite(column)
     whole = np.floor(np.where(matched, column, 0.0))
     share = np.where(matched, column, 0.0) - whole

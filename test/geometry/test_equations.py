@@ -20,8 +20,9 @@ def test_view_angle_of_the_paper_follows_from_its_resolution():
 
 def test_linear_principal_angle_gives_the_papers_angles():
     # Eq. 3 with 34 degrees over 160 columns: 141 and 17 columns apart.
-    two_phi = [2 * math.degrees(eq.linear_principal_angle(math.radians(34), 160, w))
-               for w in (141, 17)]
+    two_phi = [
+        2 * math.degrees(eq.linear_principal_angle(math.radians(34), 160, w)) for w in (141, 17)
+    ]
     assert two_phi == pytest.approx([29.9625, 3.6125], abs=1e-12)
 
 
@@ -30,8 +31,8 @@ def test_linear_principal_angle_gives_the_papers_angles():
 )
 def test_search_range_and_distance_limits_of_section_6_2(phi, n, nearest_mm, farthest_mm):
     assert eq.search_range(phi, STEP) == n
-    assert int(1000 * eq.nearest_distance(R, phi, STEP)) == nearest_mm
-    assert int(1000 * eq.farthest_distance(R, phi, STEP)) == farthest_mm
+    assert round(1000 * eq.nearest_distance(R, phi, STEP)) == nearest_mm
+    assert round(1000 * eq.farthest_distance(R, phi, STEP)) == farthest_mm
 
 
 def test_search_range_excludes_parallel_rays():
@@ -65,12 +66,20 @@ def test_table_1(phi, share, row):
     ('phi', 'at_nearest_mm', 'at_farthest_mm'), [(WIDE, 2, 30172), (NARROW, 19, 81587)]
 )
 def test_table_2(phi, at_nearest_mm, at_farthest_mm):
+    # The paper subtracts distances already rounded to whole millimetres: 337 - 318 = 19, where
+    # the difference itself is 19.77; 86686 - 5099 = 81587, where it is 81586.48.
     n = eq.search_range(phi, STEP)
+    first, second, last_but_one, last = (
+        round(1000 * float(eq.radial_distance(k * STEP / 2, arm_radius=R, principal_angle=phi)))
+        for k in (1, 2, n - 1, n)
+    )
+    assert second - first == at_nearest_mm
+    assert last - last_but_one == at_farthest_mm
     rig = {'arm_radius': R, 'principal_angle': phi, 'column_step': STEP}
-    nearest = 1000 * eq.one_column_errors(STEP / 2, **rig)[1]
-    farthest = 1000 * eq.one_column_errors(n * STEP / 2, **rig)[0]
-    assert int(nearest) == at_nearest_mm  # the paper cuts 19.77 off to 19
-    assert int(farthest) == at_farthest_mm
+    assert 1000 * eq.one_column_errors(STEP / 2, **rig)[1] == pytest.approx(at_nearest_mm, abs=1)
+    assert 1000 * eq.one_column_errors(n * STEP / 2, **rig)[0] == pytest.approx(
+        at_farthest_mm, abs=1
+    )
 
 
 def test_distance_is_where_both_rays_cross():
@@ -112,8 +121,10 @@ def test_trusted_distance_is_unknown_when_no_distance_is_that_precise():
 
 @pytest.mark.parametrize(
     ('arguments', 'named'),
-    [({'arm_radius': 0.0, 'principal_angle': WIDE}, 'arm_radius'),
-     ({'arm_radius': R, 'principal_angle': 2.0}, 'principal_angle')],
+    [
+        ({'arm_radius': 0.0, 'principal_angle': WIDE}, 'arm_radius'),
+        ({'arm_radius': R, 'principal_angle': 2.0}, 'principal_angle'),
+    ],
 )
 def test_impossible_rig_is_refused_by_name(arguments, named):
     with pytest.raises(ValueError, match=named):
