@@ -1,0 +1,148 @@
+"""Geometry to and from sensor_msgs/CameraInfo (docs/conventions.md, "Panoramas")."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from sensor_msgs.msg import CameraInfo, LaserScan
+from std_msgs.msg import Header
+
+from panodepth_ros.geometry import PanoramaGeometry, PinholeCamera
+from panodepth_ros.scan import ScanSettings
+
+#: ``distortion_model`` of a panorama.
+CYLINDRICAL = 'cylindrical'
+
+
+def to_nanoseconds(stamp: Time) -> int:
+    """Return a stamp as nanoseconds."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def to_stamp(nanoseconds: int) -> Time:
+    """Return nanoseconds as a stamp."""
+    sec, nanosec = divmod(nanoseconds, 1_000_000_000)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def pinhole_camera(info: CameraInfo) -> PinholeCamera:
+    """
+    Read the intrinsics of an ordinary camera.
+
+    Raises
+    ------
+    ValueError
+        If the camera is uncalibrated or its model unknown.
+    """
+    k = info.k
+    return PinholeCamera(
+        width=info.width,
+        height=info.height,
+        fx=float(k[0]),
+        fy=float(k[4]),
+        cx=float(k[2]),
+        cy=float(k[5]),
+        distortion_model=info.distortion_model or 'plumb_bob',
+        distortion=tuple(float(value) for value in info.d),
+    )
+
+
+def panorama_info(geometry: PanoramaGeometry, header: Header) -> CameraInfo:
+    """Write a panorama's geometry as a CameraInfo."""
+    info = CameraInfo(header=header, width=geometry.columns, height=geometry.rows)
+    info.distortion_model = CYLINDRICAL
+    info.k = [
+        *(1 / geometry.column_step, 0.0, float(geometry.azimuth_column)),
+        *(0.0, float(geometry.focal_length_px), float(geometry.principal_row)),
+        *(0.0, 0.0, 1.0),
+    ]
+    info.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    rays = [] if geometry.uniform else [float(angle) for angle in geometry.ray_angle]
+    info.d = [
+        float(geometry.arm_radius),
+        float(geometry.principal_angle),
+        float(geometry.sweep_duration),
+        *rays,
+    ]
+    return info
+
+
+def panorama_geometry(info: CameraInfo) -> PanoramaGeometry:
+    """
+    Read a panorama's geometry.
+
+    Raises
+    ------
+    ValueError
+        If the message does not describe a full cylindrical panorama.
+    """
+    if info.distortion_model != CYLINDRICAL:
+        raise ValueError(
+            f'camera_info has distortion_model {info.distortion_model!r}; allowed: '
+            f'{CYLINDRICAL!r}, as the mosaicer publishes it'
+        )
+    if len(info.d) not in (3, 3 + info.width):
+        raise ValueError(
+            f'camera_info has {len(info.d)} values in d; allowed: 3 or 3 + width = '
+            f'{3 + info.width} (arm_radius, principal_angle, sweep_duration, ray angles)'
+        )
+    arm_radius, principal_angle, sweep_duration = (float(value) for value in info.d[:3])
+    columns = int(info.width)
+    if not math.isclose(info.k[0] * 2 * math.pi, columns, rel_tol=1e-6):
+        raise ValueError(
+            f'camera_info is {columns} columns wide at {info.k[0]:.6g} columns per radian; '
+            'allowed: a full turn'
+        )
+    rays = np.array(info.d[3:], dtype=np.float64)
+    return PanoramaGeometry(
+        columns=columns,
+        rows=int(info.height),
+        azimuth_column=float(info.k[2]),
+        focal_length_px=float(info.k[4]),
+        principal_row=float(info.k[5]),
+        arm_radius=arm_radius,
+        principal_angle=principal_angle,
+        sweep_duration=sweep_duration,
+        ray_angle=rays if rays.size else np.full(columns, principal_angle),
+    )
+
+
+def laser_scan(
+    ranges: np.ndarray[tuple[int], np.dtype[np.float32]],
+    settings: ScanSettings,
+    header: Header,
+    sweep_duration: float,
+) -> LaserScan:
+    """
+    Write ranges as a LaserScan.
+
+    Parameters
+    ----------
+    ranges : ndarray of float32, shape (beams,)
+        Counter-clockwise from −π [m].
+    settings : ScanSettings
+        Angles and limits.
+    header : std_msgs/Header
+        Stamp of the end of the sweep; a frame that does not turn with the arm.
+    sweep_duration : float
+        [s], becomes ``scan_time``.
+
+    Returns
+    -------
+    sensor_msgs/LaserScan
+        angle_min = −π, angle_max = angle_min + (N − 1)·angle_increment: no doubled last ray, the
+        one form that every consumer takes; time_increment = 0, for the robot stands still.
+    """
+    return LaserScan(
+        header=header,
+        angle_min=-math.pi,
+        angle_max=-math.pi + (settings.beams - 1) * settings.angle_increment,
+        angle_increment=settings.angle_increment,
+        time_increment=0.0,
+        scan_time=float(sweep_duration),
+        range_min=settings.range_min,
+        range_max=settings.range_max,
+        ranges=ranges.tolist(),
+    )
