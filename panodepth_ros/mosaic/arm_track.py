@@ -64,6 +64,11 @@ class ArmTrack:
         return self._newest
 
     @property
+    def position(self) -> float:
+        """Position of the newest joint state [rad]; NaN before the first."""
+        return self._position
+
+    @property
     def current(self) -> Standstill | None:
         """The standstill that the newest joint state belongs to; None while the arm moves."""
         return self._standstills[-1] if self._still else None

@@ -41,6 +41,8 @@ class Assembler:
         Dropped frames and joint states by reason.
     sweep : Sweep or None
         The sweep under construction.
+    camera : PinholeCamera or None
+        The calibration in use.
     """
 
     def __init__(self, rig: Rig, track: ArmTrack, settle_time: int) -> None:
@@ -49,7 +51,7 @@ class Assembler:
         self.drops: Counter[str] = Counter()
         self.sweep: Sweep | None = None
         self._settle_time = settle_time
-        self._camera: PinholeCamera | None = None
+        self.camera: PinholeCamera | None = None
         self._pending: deque[tuple[int, npt.NDArray[np.uint8]]] = deque()
         self._newest_frame: int | None = None
         self._served: int | None = None
@@ -66,13 +68,13 @@ class Assembler:
         ValueError
             If the rig's columns lie outside the image.
         """
-        if camera == self._camera:
+        if camera == self.camera:
             return
         Sweep(self.rig, camera, 0.0)
-        if self._camera is not None:
+        if self.camera is not None:
             self.restart(self._not_before)
             self.drops['sweep given up: camera_info changed'] += 1
-        self._camera = camera
+        self.camera = camera
 
     def restart(self, not_before: int) -> None:
         """Forget the sweep under construction; standstills that began before count no more."""
@@ -118,7 +120,7 @@ class Assembler:
             self.drops['frame out of order or twice'] += 1
             return []
         self._newest_frame = stamp
-        if self._camera is None:
+        if self.camera is None:
             self.drops['frame before any camera_info'] += 1
             return []
         self._pending.append((stamp, image))
@@ -129,10 +131,14 @@ class Assembler:
 
     def has_frame_of(self, standstill: Standstill) -> bool:
         """Whether a frame exposed in a standstill is used or waits for its joint state."""
-        if self._served is not None and self._served >= standstill.start:
+        if self.has_used(standstill):
             return True
         ready = standstill.start + self._settle_time
         return any(stamp >= ready for stamp, _ in self._pending)
+
+    def has_used(self, standstill: Standstill) -> bool:
+        """Whether a frame of this standstill or a later one went into a sweep."""
+        return self._served is not None and self._served >= standstill.start
 
     def _place_pending(self) -> list[Sweep]:
         finished = []
@@ -161,8 +167,8 @@ class Assembler:
         if self.sweep is not None and self.sweep.beyond(standstill.azimuth):
             finished.append(self.sweep)
             self.sweep = None
-        assert self._camera is not None  # frames are kept only with a camera
-        sweep = self.sweep or Sweep(self.rig, self._camera, standstill.azimuth)
+        assert self.camera is not None  # frames are kept only with a camera
+        sweep = self.sweep or Sweep(self.rig, self.camera, standstill.azimuth)
         try:
             sweep.add(stamp, image, standstill.azimuth)
         except ValueError as error:

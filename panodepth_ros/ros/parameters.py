@@ -113,7 +113,10 @@ def check_choices(table: Any) -> None:
 
 
 def declare_parameters(
-    node: Node, table: type[Table], on_change: Callable[[Table], None] | None = None
+    node: Node,
+    table: type[Table],
+    on_change: Callable[[Table], None] | None = None,
+    check: Callable[[Table], None] | None = None,
 ) -> Table:
     """
     Declare a table on a node and keep it checked.
@@ -128,6 +131,9 @@ def declare_parameters(
         fields and raises ValueError.
     on_change : callable, optional
         Called with the new table after a live parameter was set.
+    check : callable, optional
+        Called with a proposed table before a live parameter is set; raises ValueError with a
+        sentence if the node, as it runs, cannot take it.
 
     Returns
     -------
@@ -177,9 +183,12 @@ def declare_parameters(
         known = {change.name: change.value for change in changes if change.name in fields}
         return dataclasses.replace(current, **known)  # type: ignore[type-var]
 
-    def check(changes: list[Parameter]) -> SetParametersResult:
+    def approve(changes: list[Parameter]) -> SetParametersResult:
         try:
-            check_choices(proposed(changes))
+            table_to_be = proposed(changes)
+            check_choices(table_to_be)
+            if check is not None:
+                check(table_to_be)
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -190,7 +199,7 @@ def declare_parameters(
         if on_change is not None:
             on_change(current)
 
-    node.add_on_set_parameters_callback(check)
+    node.add_on_set_parameters_callback(approve)
     node.add_post_set_parameters_callback(apply)
     return current
 

@@ -1,0 +1,354 @@
+"""The mosaicer: frames and arm angles in, left, right and centre panoramas out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from math import degrees, radians
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import CameraInfo, Image, JointState
+from std_msgs.msg import Float32, Header
+from std_srvs.srv import Trigger
+
+from panodepth_ros.mosaic import ArmTrack, Assembler, Rig, Standstill, Sweep
+from panodepth_ros.mosaic.sweep import columns_per_turn
+from panodepth_ros.ros import qos
+from panodepth_ros.ros.images import to_bgr_or_mono, to_message
+from panodepth_ros.ros.messages import panorama_info, pinhole_camera, to_nanoseconds, to_stamp
+from panodepth_ros.ros.parameters import declare_parameters, parameter
+from panodepth_ros.ros.process import run_node
+
+PANORAMAS = ('left', 'right', 'center')
+#: How often waiting is checked against its timeouts [s].
+_WATCH_PERIOD = 0.25
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MosaicerParameters:
+    """Parameters of the mosaicer."""
+
+    lead: bool = parameter(
+        True, "Lead the sweep by the arm's step service; false only listens, live or to a bag"
+    )
+    arm_radius: float = parameter(
+        0.30, 'Axis of rotation to optical centre', unit='m', bounds=(0.01, 10.0), live=True
+    )
+    column_offset_px: float = parameter(
+        70.5,
+        "Distance of the left and right eye's columns from the principal point",
+        unit='px',
+        bounds=(1.0, 10000.0),
+        live=True,
+    )
+    column_step_deg: float = parameter(
+        0.2,
+        'Angle between panorama columns, a whole fraction of 360',
+        unit='°',
+        bounds=(0.01, 6.0),
+    )
+    sweep_deg: float = parameter(
+        360.0,
+        'Angle that a sweep covers, a whole number of column steps',
+        unit='°',
+        bounds=(1.0, 360.0),
+        live=True,
+    )
+    frame_id: str = parameter(
+        'panodepth', 'Frame of the panoramas: on the axis, z up, x forward, not turning'
+    )
+    joint_name: str = parameter('panodepth_arm_joint', "The arm's joint in joint_states")
+    settle_time: float = parameter(
+        0.0,
+        'Time a frame must come after the start of a standstill, for arms that report standing '
+        'before they have settled',
+        unit='s',
+        bounds=(0.0, 10.0),
+    )
+    standstill_tolerance_deg: float = parameter(
+        0.002, 'Largest change of position that counts as standing', unit='°', bounds=(0.0, 1.0)
+    )
+    joint_state_gap: float = parameter(
+        1.0, 'Longest time between joint states around a frame', unit='s', bounds=(0.01, 10.0)
+    )
+    step_timeout: float = parameter(
+        10.0, 'Longest time for a step of the arm', unit='s', bounds=(0.1, 600.0)
+    )
+    frame_timeout: float = parameter(
+        5.0,
+        'Time without a frame after which the camera is reported',
+        unit='s',
+        bounds=(0.1, 60.0),
+    )
+
+    def __post_init__(self) -> None:
+        columns_per_turn(self.column_step_deg)
+        columns = self.sweep_deg / self.column_step_deg
+        if abs(columns - round(columns)) > 0.02:
+            raise ValueError(
+                f'sweep_deg is {self.sweep_deg}: {columns:.3f} steps of column_step_deg '
+                f'{self.column_step_deg}; allowed: a whole number of them'
+            )
+
+    def rig(self) -> Rig:
+        """Return what the core needs."""
+        columns = columns_per_turn(self.column_step_deg)
+        return Rig(
+            arm_radius=self.arm_radius,
+            column_offset=self.column_offset_px,
+            columns=columns,
+            sweep_columns=min(columns, round(self.sweep_deg / self.column_step_deg)),
+        )
+
+
+@dataclass(slots=True)
+class _Lead:
+    """A sweep that this node leads: what it waits for."""
+
+    steps: int
+    azimuth: float
+    after: int
+    waiting_since: float
+    step: Any = None
+
+
+class Mosaicer(Node):
+    """Leads or follows sweeps and publishes their panoramas. Topics and parameters: README."""
+
+    def __init__(self, **node_args: Any) -> None:
+        super().__init__(
+            'mosaicer', automatically_declare_parameters_from_overrides=True, **node_args
+        )
+        self._parameters = declare_parameters(
+            self, MosaicerParameters, self._on_parameters, self._check_parameters
+        )
+        self._assembler = Assembler(
+            self._parameters.rig(),
+            ArmTrack(
+                radians(self._parameters.standstill_tolerance_deg),
+                round(self._parameters.joint_state_gap * 1e9),
+            ),
+            round(self._parameters.settle_time * 1e9),
+        )
+        self._lead: _Lead | None = None
+        self._camera_fault = 'no camera_info received yet'
+        self._reported = -1.0
+        self._image_publishers: dict[str, Publisher] = {}
+        self._info_publishers: dict[str, Publisher] = {}
+        for name in PANORAMAS:
+            self._image_publishers[name] = self.create_publisher(
+                Image, f'{name}/image', qos.PANORAMAS
+            )
+            self._info_publishers[name] = self.create_publisher(
+                CameraInfo, f'{name}/camera_info', qos.PANORAMAS
+            )
+        self._progress_publisher = self.create_publisher(Float32, '~/progress', 10)
+        self._step_client = self.create_client(Trigger, 'arm_driver/step')
+        self.create_subscription(
+            JointState, 'joint_states', self._on_joint_state, qos.JOINT_STATES
+        )
+        self.create_subscription(CameraInfo, 'camera_info', self._on_camera_info, qos.IMAGES)
+        self.create_subscription(Image, 'image_raw', self._on_image, qos.IMAGES)
+        self.create_service(Trigger, '~/start', self._on_start)
+        self.create_service(Trigger, '~/cancel', self._on_cancel)
+        self.create_timer(_WATCH_PERIOD, self._advance)
+        self.get_logger().info(
+            'ready; sweeps begin with ~/start' if self._parameters.lead else 'ready; listening'
+        )
+
+    # --- parameters ---------------------------------------------------------------------------
+
+    def _check_parameters(self, proposed: MosaicerParameters) -> None:
+        camera = self._assembler.camera
+        if camera is not None:
+            Sweep(proposed.rig(), camera, 0.0)
+
+    def _on_parameters(self, parameters: MosaicerParameters) -> None:
+        self._parameters = parameters
+        self._assembler.rig = parameters.rig()
+
+    # --- data ---------------------------------------------------------------------------------
+
+    def _on_camera_info(self, message: CameraInfo) -> None:
+        try:
+            self._assembler.set_camera(pinhole_camera(message))
+        except ValueError as error:
+            self._camera_fault = str(error)
+            self.get_logger().error(f'camera_info: {error}', throttle_duration_sec=5.0)
+        else:
+            self._camera_fault = ''
+
+    def _on_image(self, message: Image) -> None:
+        if self._camera_fault:
+            self._assembler.drops[f'frame: {self._camera_fault}'] += 1
+            return
+        try:
+            image = to_bgr_or_mono(message)
+        except ValueError as error:
+            self._assembler.drops[f'frame: {error}'] += 1
+            self.get_logger().warning(f'frame dropped: {error}', throttle_duration_sec=5.0)
+            return
+        self._publish(self._assembler.add_frame(to_nanoseconds(message.header.stamp), image))
+        self._advance()
+
+    def _on_joint_state(self, message: JointState) -> None:
+        if self._parameters.joint_name not in message.name:
+            return
+        index = list(message.name).index(self._parameters.joint_name)
+        if index >= len(message.position):
+            self._assembler.drops['joint state without a position'] += 1
+            return
+        velocity = message.velocity[index] if index < len(message.velocity) else None
+        stamp = to_nanoseconds(message.header.stamp)
+        self._publish(self._assembler.add_joint_state(stamp, message.position[index], velocity))
+        self._advance()
+
+    # --- services -----------------------------------------------------------------------------
+
+    def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.message = self._why_not_start()
+        response.success = not response.message
+        newest = self._assembler.track.newest
+        if response.message or newest is None:
+            return response
+        self._assembler.restart(newest + 1)
+        self._assembler.drops.clear()
+        self._lead = _Lead(0, self._assembler.track.position, newest, time.monotonic())
+        self._request_step(self._lead)
+        self._report_progress()
+        columns = self._assembler.rig.sweep_columns
+        response.message = f'sweep of {columns} columns started'
+        self.get_logger().info(response.message)
+        return response
+
+    def _why_not_start(self) -> str:
+        """Return a sentence for the user, empty if nothing is in the way."""
+        if not self._parameters.lead:
+            return 'lead is false: this mosaicer only listens'
+        if self._lead is not None:
+            return 'a sweep is running; cancel it first'
+        if self._camera_fault:
+            return f'the camera cannot be used: {self._camera_fault}'
+        if self._assembler.track.newest is None:
+            return f'no joint state of {self._parameters.joint_name} received yet'
+        if not self._step_client.service_is_ready():
+            return f'the service {self._step_client.srv_name} is not there'
+        return ''
+
+    def _on_cancel(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._lead is not None or self._assembler.sweep is not None
+        response.message = 'sweep cancelled' if response.success else 'no sweep is running'
+        if response.success:
+            self._give_up('cancelled')
+        return response
+
+    # --- leading ------------------------------------------------------------------------------
+
+    def _advance(self) -> None:
+        """Take the led sweep as far as what has arrived allows."""
+        self._report_progress()
+        lead = self._lead
+        if lead is None:
+            return
+        waited = time.monotonic() - lead.waiting_since
+        standstill = self._assembler.track.current
+        if lead.step is not None or standstill is None or standstill.start <= lead.after:
+            if waited > self._parameters.step_timeout:
+                self._give_up(
+                    f'the arm did not take a step and report standing still within '
+                    f'{self._parameters.step_timeout:g} s'
+                )
+        elif not self._took_one_column(lead, standstill):
+            self._give_up(
+                f'the arm moved {degrees(standstill.azimuth - lead.azimuth):.4f}° on a step; '
+                f'column_step_deg is {self._parameters.column_step_deg:g}, and so must the '
+                "arm's step be"
+            )
+        elif not self._assembler.has_frame_of(standstill):
+            if waited > self._parameters.frame_timeout:
+                self.get_logger().error(
+                    f'no frame for {waited:.1f} s: the sweep waits at column {lead.steps} of '
+                    f'{self._assembler.rig.sweep_columns}',
+                    throttle_duration_sec=self._parameters.frame_timeout,
+                )
+        elif lead.steps < self._assembler.rig.sweep_columns or self._assembler.has_used(
+            standstill
+        ):
+            lead.azimuth = standstill.azimuth
+            self._request_step(lead)
+
+    def _took_one_column(self, lead: _Lead, standstill: Standstill) -> bool:
+        columns = abs(standstill.azimuth - lead.azimuth) / self._assembler.rig.column_step
+        return 0.5 < columns < 1.5
+
+    def _request_step(self, lead: _Lead) -> None:
+        lead.steps += 1
+        lead.after = self._assembler.track.newest or 0
+        lead.waiting_since = time.monotonic()
+        lead.step = self._step_client.call_async(Trigger.Request())
+        lead.step.add_done_callback(lambda future: self._on_step(lead, future))
+
+    def _on_step(self, lead: _Lead, future: Any) -> None:
+        if self._lead is not lead:
+            return
+        lead.step = None
+        answer = future.result()
+        if not answer.success:
+            self._give_up(f'the arm refused a step: {answer.message}')
+            return
+        lead.waiting_since = time.monotonic()
+        self._advance()
+
+    def _give_up(self, reason: str) -> None:
+        self._lead = None
+        self._assembler.restart((self._assembler.track.newest or 0) + 1)
+        self._report_progress()
+        self.get_logger().error(f'sweep given up, nothing is published: {reason}')
+        self._report_drops()
+
+    # --- results ------------------------------------------------------------------------------
+
+    def _publish(self, sweeps: list[Sweep]) -> None:
+        for sweep in sweeps:
+            self._lead = None
+            self._publish_progress(1.0)
+            self._publish_panoramas(sweep)
+
+    def _publish_panoramas(self, sweep: Sweep) -> None:
+        panoramas = sweep.panoramas()
+        header = Header(stamp=to_stamp(sweep.end or 0), frame_id=self._parameters.frame_id)
+        for name, panorama in panoramas.items():
+            encoding = 'bgr8' if panorama.image.ndim == 3 else 'mono8'
+            self._info_publishers[name].publish(panorama_info(panorama.geometry, header))
+            self._image_publishers[name].publish(
+                to_message(panorama.image, encoding, stamp=header.stamp, frame_id=header.frame_id)
+            )
+        for first, last in sweep.missing_sectors() if not sweep.complete else []:
+            self.get_logger().warning(
+                f'no frame reached the columns from {degrees(first):.1f}° to '
+                f'{degrees(last):.1f}° of arm azimuth; they are unknown'
+            )
+        duration = panoramas['left'].geometry.sweep_duration
+        self.get_logger().info(f'sweep of {sweep.seen.sum()} columns done in {duration:.1f} s')
+        self._report_drops()
+
+    def _report_drops(self) -> None:
+        for reason, count in sorted(self._assembler.drops.items()):
+            self.get_logger().info(f'dropped {count} × {reason}')
+        self._assembler.drops.clear()
+
+    def _report_progress(self) -> None:
+        sweep = self._assembler.sweep
+        self._publish_progress(sweep.progress if sweep is not None else 0.0)
+
+    def _publish_progress(self, progress: float) -> None:
+        if progress != self._reported:
+            self._reported = progress
+            self._progress_publisher.publish(Float32(data=progress))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the mosaicer; see :func:`panodepth_ros.ros.process.run_node`."""
+    return run_node('mosaicer', Mosaicer, args)
