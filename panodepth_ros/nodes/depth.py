@@ -1,0 +1,174 @@
+"""The depth node: a pair of panoramas in, depth image, confidence and laser scan out."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image, LaserScan
+from std_msgs.msg import Header
+
+from panodepth_ros.geometry import Panorama, check_pair, triangulate
+from panodepth_ros.matching import METHODS, match, prepare
+from panodepth_ros.ros import qos
+from panodepth_ros.ros.images import to_bgr_or_mono, to_message
+from panodepth_ros.ros.messages import laser_scan, panorama_geometry
+from panodepth_ros.ros.parameters import declare_parameters, parameter
+from panodepth_ros.ros.process import run_node
+from panodepth_ros.ros.sync import StampMatcher
+from panodepth_ros.scan import ScanSettings, laser_ranges
+
+_TOPICS = ('left/image', 'left/camera_info', 'right/image', 'right/camera_info')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthParameters:
+    """Parameters of the depth node."""
+
+    method: str = parameter('ncc', 'How the panoramas are matched', choices=METHODS, live=True)
+    threads: int = parameter(
+        2, 'Threads that match; the result does not depend on it', bounds=(1, 64), live=True
+    )
+    min_confidence: float = parameter(
+        0.5, 'Pixels of less confidence are unknown', bounds=(0.0, 1.0), live=True
+    )
+    beams: int = parameter(720, 'Beams of the scan', bounds=(60, 7200))
+    range_min: float = parameter(
+        0.35, 'Ranges below are reported as −inf', unit='m', bounds=(0.01, 100.0)
+    )
+    range_max: float = parameter(
+        8.0, 'Ranges above are reported as +inf', unit='m', bounds=(0.1, 1000.0)
+    )
+    min_height: float = parameter(
+        -0.15,
+        "Lower edge of the scan's height band, from the camera",
+        unit='m',
+        bounds=(-100.0, 100.0),
+        live=True,
+    )
+    max_height: float = parameter(
+        0.15,
+        "Upper edge of the scan's height band, from the camera",
+        unit='m',
+        bounds=(-100.0, 100.0),
+        live=True,
+    )
+    min_support: int = parameter(
+        3, 'Pixels of one distance that make a surface of a beam', bounds=(1, 1000), live=True
+    )
+    row: int = parameter(
+        -1,
+        'Make the scan from this row of the panorama alone; -1 for the height band',
+        bounds=(-1, 100000),
+        live=True,
+    )
+
+    def __post_init__(self) -> None:
+        self.scan_settings()
+
+    def scan_settings(self) -> ScanSettings:
+        """Return what the core needs."""
+        return ScanSettings(**{f.name: getattr(self, f.name) for f in fields(ScanSettings)})
+
+
+class Depth(Node):
+    """Matches panoramas and publishes depth and scan. Topics and parameters: README."""
+
+    def __init__(self, **node_args: Any) -> None:
+        self._resources = ExitStack()  # first: the context may destroy a half-built node
+        super().__init__(
+            'depth', automatically_declare_parameters_from_overrides=True, **node_args
+        )
+        self._parameters = declare_parameters(
+            self, DepthParameters, self._on_parameters, lambda proposed: prepare(proposed.method)
+        )
+        start = time.monotonic()
+        prepare(self._parameters.method)
+        self._matcher = StampMatcher(_TOPICS, depth=4)
+        self._depth_publisher = self.create_publisher(Image, 'depth/image', qos.PANORAMAS)
+        self._confidence_publisher = self.create_publisher(
+            Image, 'depth/confidence', qos.PANORAMAS
+        )
+        self._info_publisher = self.create_publisher(
+            CameraInfo, 'depth/camera_info', qos.PANORAMAS
+        )
+        self._scan_publisher = self.create_publisher(LaserScan, 'scan', qos.SCAN)
+        self._work: queue.SimpleQueue[dict[Any, Any] | None] = queue.SimpleQueue()
+        worker = threading.Thread(target=self._match_all, name='matching')
+        worker.start()
+        self._resources.callback(worker.join)
+        self._resources.callback(self._work.put, None)
+        for topic in _TOPICS:
+            kind = Image if topic.endswith('image') else CameraInfo
+            self.create_subscription(
+                kind, topic, lambda message, topic=topic: self._on(topic, message), qos.PANORAMAS
+            )
+        self.get_logger().info(
+            f'ready; matching by {self._parameters.method}, '
+            f'prepared in {time.monotonic() - start:.1f} s'
+        )
+
+    def _on_parameters(self, parameters: DepthParameters) -> None:
+        self._parameters = parameters
+
+    def _on(self, topic: str, message: Any) -> None:
+        messages = self._matcher.add(topic, message)
+        if messages is not None:
+            self._work.put(messages)
+
+    def _match_all(self) -> None:
+        """Match pair after pair in a thread of its own, so that services stay answered."""
+        while (messages := self._work.get()) is not None:
+            try:
+                self._match(messages, self._parameters)
+            except ValueError as error:
+                self.get_logger().error(f'panoramas refused, nothing is published: {error}')
+
+    def _match(self, messages: dict[Any, Any], parameters: DepthParameters) -> None:
+        start = time.monotonic()
+        header = messages['left/image'].header
+        left, right = (
+            Panorama(
+                to_bgr_or_mono(messages[f'{eye}/image']),
+                panorama_geometry(messages[f'{eye}/camera_info']),
+            )
+            for eye in ('left', 'right')
+        )
+        check_pair(left.geometry, right.geometry)
+        matched = match(left, right, method=parameters.method, threads=parameters.threads)
+        points = triangulate(matched.column_disparity, left.geometry, right.geometry)
+        settings = parameters.scan_settings()
+        ranges = laser_ranges(points, matched.confidence, settings)
+        with np.errstate(invalid='ignore'):
+            trusted = matched.confidence >= parameters.min_confidence
+        depth = np.where(trusted, points.radial_distance, np.nan).astype(np.float32)
+        self._info_publisher.publish(messages['left/camera_info'])
+        self._depth_publisher.publish(_image(depth, header))
+        self._confidence_publisher.publish(_image(matched.confidence, header))
+        duration = left.geometry.sweep_duration
+        self._scan_publisher.publish(laser_scan(ranges, settings, header, duration))
+        self.get_logger().info(
+            f'{np.isfinite(depth).mean():.0%} of the pixels and '
+            f'{np.isfinite(ranges).mean():.0%} of the beams hold a distance; '
+            f'took {time.monotonic() - start:.2f} s'
+        )
+
+    def destroy_node(self) -> None:
+        """Finish the pair being matched, end the thread, destroy the node; may run twice."""
+        self._resources.close()
+        super().destroy_node()
+
+
+def _image(values: np.ndarray[Any, np.dtype[np.float32]], header: Header) -> Image:
+    return to_message(values, '32FC1', stamp=header.stamp, frame_id=header.frame_id)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the depth node; see :func:`panodepth_ros.ros.process.run_node`."""
+    return run_node('depth', Depth, args)

@@ -1,0 +1,37 @@
+"""Messages of several topics that carry the same stamp, brought together."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import Any
+
+from panodepth_ros.ros.messages import to_nanoseconds
+
+
+class StampMatcher:
+    """
+    Collects one message a topic until all of one stamp are there.
+
+    Parameters
+    ----------
+    topics : tuple of hashable
+        What makes a set complete.
+    depth : int
+        Incomplete sets that are kept; the oldest beyond that are given up.
+    """
+
+    def __init__(self, topics: tuple[Hashable, ...], depth: int) -> None:
+        self._topics = topics
+        self._depth = depth
+        self._sets: dict[int, dict[Hashable, Any]] = {}
+
+    def add(self, topic: Hashable, message: Any) -> dict[Hashable, Any] | None:
+        """Take one stamped message; return the set it completes, by topic, or None."""
+        stamp = to_nanoseconds(message.header.stamp)
+        messages = self._sets.setdefault(stamp, {})
+        messages[topic] = message
+        if len(messages) == len(self._topics):
+            return self._sets.pop(stamp)
+        while len(self._sets) > self._depth:
+            del self._sets[min(self._sets)]
+        return None
