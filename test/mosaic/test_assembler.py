@@ -1,0 +1,174 @@
+"""Frames and joint states to sweeps, in whatever order they come."""
+
+import math
+
+import numpy as np
+import pytest
+
+from panodepth_ros.geometry import PinholeCamera
+from panodepth_ros.mosaic import ArmTrack, Assembler, Rig
+
+COLUMNS = 60
+STEP = 2 * math.pi / COLUMNS
+CAMERA = PinholeCamera(width=21, height=7, fx=30.0, fy=30.0, cx=10.0, cy=3.0)
+RIG = Rig(arm_radius=0.3, column_offset=8.0, columns=COLUMNS, sweep_columns=COLUMNS)
+MS = 1_000_000
+PERIOD = 100 * MS
+
+
+def assembler(rig=RIG, settle_ms=0):
+    built = Assembler(rig, ArmTrack(1e-6, 1000 * MS), settle_ms * MS)
+    built.set_camera(CAMERA)
+    return built
+
+
+def image(k, height=7):
+    return np.full((height, 21), k, np.uint8)
+
+
+def recording(columns=COLUMNS, first=1, frames_per_stop=2):
+    """Events of a stop-and-go turn, by stamp: the arm stands in the second half of a period."""
+    events = [(0, 'joint', 0.0, 0.0)]
+    for k in range(first, first + columns):
+        start = (k - first + 1) * PERIOD
+        events += [
+            (start, 'joint', (k - 1) * STEP, 0.0),
+            (start + 5 * MS, 'frame', 255, None),  # exposed while the arm moves
+            (start + 10 * MS, 'joint', (k - 0.5) * STEP, 1.0),
+            (start + 50 * MS, 'joint', k * STEP, 0.0),
+        ]
+        events += [
+            (start + (60 + 10 * n) * MS, 'frame', k + 100 * n, None)
+            for n in range(frames_per_stop)
+        ]
+    events.append(((columns + 1) * PERIOD, 'joint', (first + columns - 1) * STEP, 0.0))
+    return events
+
+
+def play(built, events):
+    sweeps = []
+    for stamp, kind, value, velocity in events:
+        if kind == 'joint':
+            sweeps += built.add_joint_state(stamp, value, velocity)
+        else:
+            sweeps += built.add_frame(stamp, image(value))
+    return sweeps
+
+
+def test_first_frame_of_every_standstill_becomes_a_column():
+    built = assembler()
+    (sweep,) = play(built, recording())
+    assert sweep.complete
+    row = sweep.panoramas()['left'].image[0]
+    assert sorted(row.tolist()) == list(range(1, COLUMNS + 1))
+    assert built.drops['frame: arm moved'] == COLUMNS
+    assert built.sweep is None
+
+
+def test_frames_that_outrun_the_joint_states_and_late_ones_give_the_same_sweep():
+    in_order = play(assembler(), recording())[0].panoramas()
+    frames_first = sorted(recording(), key=lambda e: e[0] - (80 * MS if e[1] == 'frame' else 0))
+    frames_last = sorted(recording(), key=lambda e: e[0] + (80 * MS if e[1] == 'frame' else 0))
+    for events in (frames_first, frames_last):
+        panoramas = play(assembler(), events)[0].panoramas()
+        for name, panorama in panoramas.items():
+            assert np.array_equal(panorama.image, in_order[name].image)
+
+
+def test_standstill_before_the_first_motion_is_not_part_of_a_sweep():
+    events = [(0, 'joint', 0.0, 0.0), (10 * MS, 'frame', 7, None), (20 * MS, 'joint', 0.0, 0.0)]
+    built = assembler()
+    assert play(built, events) == []
+    assert built.sweep is None
+    assert built.drops['frame: arm was not seen to arrive'] == 1
+
+
+def test_standstills_before_the_start_of_a_led_sweep_do_not_count():
+    built = assembler()
+    play(built, recording(3))
+    assert built.sweep.progress == pytest.approx(3 / COLUMNS)
+    built.restart(built.track.newest + 1)
+    built.add_frame(5 * PERIOD, image(9))
+    built.add_joint_state(5 * PERIOD + MS, 3 * STEP, 0.0)
+    assert built.sweep is None
+
+
+def test_turn_with_gaps_ends_when_the_arm_passes_its_start():
+    events = [e for e in recording(COLUMNS + 1) if not (e[1] == 'frame' and e[2] in (20, 120))]
+    (sweep,) = play(assembler(), events)
+    assert not sweep.complete
+    assert int(sweep.seen.sum()) == COLUMNS - 1
+
+
+def test_second_turn_is_a_second_sweep():
+    sweeps = play(assembler(), recording(2 * COLUMNS))
+    assert [sweep.complete for sweep in sweeps] == [True, True]
+
+
+def test_frame_before_settling_gives_way_to_the_next():
+    (sweep,) = play(assembler(settle_ms=15), recording())
+    row = sweep.panoramas()['left'].image[0]
+    assert sorted(row.tolist()) == [k + 100 for k in range(1, COLUMNS + 1)]
+
+
+@pytest.mark.parametrize('late_by', [0, 1])
+def test_frame_twice_or_out_of_order_is_dropped_and_counted(late_by):
+    built = assembler()
+    built.add_frame(10, image(1))
+    built.add_frame(10 - late_by, image(2))
+    assert built.drops['frame out of order or twice'] == 1
+
+
+def test_frame_of_another_size_gives_way_to_the_next():
+    built = assembler()
+    for stamp, kind, value, velocity in recording():
+        if kind == 'joint':
+            sweeps = built.add_joint_state(stamp, value, velocity)
+        else:
+            built.add_frame(stamp, image(value, height=8 if value == 12 else 7))
+    (sweep,) = sweeps
+    row = sweep.panoramas()['left'].image[0].tolist()
+    assert 112 in row
+    assert 12 not in row
+    assert built.drops['frame is 21 × 8 px; allowed: 21 × 7, as the camera_info says'] == 1
+
+
+def test_frames_without_joint_states_do_not_pile_up():
+    built = assembler()
+    for k in range(1000):
+        built.add_frame(k, image(0))
+    assert len(built._pending) <= 200
+    assert built.drops['frame: no joint state came'] == 800
+
+
+def test_bad_joint_state_is_dropped_and_counted():
+    built = assembler()
+    built.add_joint_state(10, 0.0, 0.0)
+    built.add_joint_state(10, 0.0, 0.0)
+    built.add_joint_state(11, math.nan, 0.0)
+    assert built.drops['joint state out of order or not finite'] == 2
+
+
+def test_changed_calibration_gives_the_sweep_up():
+    built = assembler()
+    play(built, recording(3))
+    built.set_camera(CAMERA)
+    assert built.sweep is not None
+    built.set_camera(PinholeCamera(width=21, height=7, fx=31.0, fy=31.0, cx=10.0, cy=3.0))
+    assert built.sweep is None
+
+
+def test_calibration_that_does_not_fit_the_columns_is_refused():
+    with pytest.raises(ValueError, match='outside the image'):
+        assembler().set_camera(PinholeCamera(width=15, height=7, fx=9, fy=9, cx=7, cy=3))
+
+
+def test_frame_of_a_standstill_is_known_before_it_is_placed():
+    built = assembler()
+    events = recording(1)
+    play(built, events[:-1])
+    standstill = built.track.current
+    assert built.has_frame_of(standstill)
+    assert not built.has_used(standstill)
+    play(built, events[-1:])
+    assert built.has_used(standstill)

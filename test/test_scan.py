@@ -1,0 +1,106 @@
+"""Points to beams."""
+
+import math
+
+import numpy as np
+import pytest
+
+from panodepth_ros.geometry import Points
+from panodepth_ros.scan import ScanSettings, laser_ranges
+
+BEAMS = 360
+
+
+def scan(points, *, confidence=1.0, **change):
+    """Scan of (distance, azimuth, height[, confidence]) tuples, as a panorama of one row."""
+    columns = np.array([(*point, confidence)[:4] for point in points], dtype=np.float64)
+    distance, azimuth, height, sure = columns.T[:, np.newaxis, :]
+    values = {'beams': BEAMS, 'min_support': 1, 'range_max': 10.0, 'min_confidence': 0.5}
+    return laser_ranges(
+        Points(distance, azimuth, height), sure.astype(np.float32), ScanSettings(**values | change)
+    )
+
+
+@pytest.mark.parametrize(
+    ('azimuth', 'beam'),
+    [
+        (0.0, 180),
+        (math.radians(1), 181),
+        (math.radians(-1.4), 179),
+        (-math.pi, 0),
+        (math.pi - 1e-9, 0),
+        (math.radians(179.4), 359),
+    ],
+)
+def test_beams_run_counter_clockwise_from_minus_pi(azimuth, beam):
+    ranges = scan([(2.0, azimuth, 0.0)])
+    assert np.flatnonzero(np.isfinite(ranges)).tolist() == [beam]
+    assert ranges[beam] == 2.0
+    assert ranges.dtype == np.float32
+
+
+def test_nearest_surface_of_a_beam_counts():
+    assert scan([(3.0, 0.0, 0.0), (2.0, 0.0, 0.1), (2.5, 0.0, 0.0)])[180] == 2.0
+
+
+def test_surface_needs_support_at_its_own_distance():
+    speckle = [(1.0, 0.0, 0.0), (1.03, 0.0, 0.0)]
+    wall = [(2.0, 0.0, 0.0), (2.02, 0.0, 0.05), (2.04, 0.0, -0.05)]
+    assert scan(speckle + wall, min_support=3)[180] == pytest.approx(2.02)
+    assert scan(speckle, min_support=3)[180] != scan(speckle, min_support=3)[180]  # NaN
+
+
+def test_support_does_not_leak_into_the_next_beam():
+    points = [(2.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, math.radians(1), 0.0)]
+    assert np.isnan(scan(points, min_support=3)).all()
+
+
+def test_only_the_height_band_counts():
+    points = [(1.0, 0.0, 0.151), (1.1, 0.0, -0.151), (2.0, 0.0, 0.149)]
+    assert scan(points)[180] == 2.0
+
+
+def test_only_confident_pixels_count():
+    points = [(1.0, 0.0, 0.0, 0.49), (1.2, 0.0, 0.0, np.nan), (2.0, 0.0, 0.0, 0.5)]
+    assert scan(points)[180] == 2.0
+
+
+def test_unknown_far_and_near_are_told_apart():
+    ranges = scan([(11.0, 0.0, 0.0), (0.2, math.radians(1), 0.0), (np.nan, math.radians(2), 0.0)])
+    assert ranges[180] == math.inf
+    assert ranges[181] == -math.inf
+    assert np.isnan(ranges[182])
+    assert np.isnan(ranges[0])
+
+
+def test_single_row():
+    distance = np.array([[1.0, 1.0, 1.0], [2.0, 2.0, 2.0]])
+    points = Points(distance, np.zeros((2, 3)), np.full((2, 3), 9.0))
+    sure = np.ones((2, 3), np.float32)
+    assert laser_ranges(points, sure, ScanSettings(beams=BEAMS, row=1))[180] == 2.0
+    with pytest.raises(ValueError, match='row is 2; allowed: -1 to 1'):
+        laser_ranges(points, sure, ScanSettings(beams=BEAMS, row=2))
+
+
+def test_scan_of_nothing_is_unknown():
+    assert np.isnan(scan([(np.nan, np.nan, np.nan)])).all()
+
+
+@pytest.mark.parametrize(
+    ('change', 'named'),
+    [
+        ({'beams': 59}, 'beams is 59'),
+        ({'range_min': 9.0, 'range_max': 8.0}, 'range_min is 9'),
+        ({'range_max': math.inf}, 'range_max inf'),
+        ({'min_height': 0.2}, 'min_height is 0'),
+    ],
+)
+def test_contradictory_settings_are_refused(change, named):
+    with pytest.raises(ValueError, match=named):
+        ScanSettings(**change)
+
+
+def test_confidence_of_another_shape_is_refused():
+    points = Points(np.ones((2, 3)), np.ones((2, 3)), np.ones((2, 3)))
+    with pytest.raises(ValueError, match='confidence has shape'):
+        laser_ranges(points, np.ones((3, 2), np.float32), ScanSettings())
