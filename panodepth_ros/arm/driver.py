@@ -1,0 +1,697 @@
+"""
+The rotating arm on a GRBL controller: azimuths in, measured azimuths out.
+
+One thread reads the line; commands run in the thread that calls them, one at a time. A motion is
+over when the barrier after it is answered (``ok`` of the move itself only means parsed) and two
+status reports, the second one asked for after the settle time, agree on the target.
+
+Braking without losing the count takes three steps: feed hold ``!``, wait for ``Hold:0``, soft
+reset. The reset then drops the rest of the motion but keeps the position, whereas a reset of a
+moving arm stops the pulses at once and loses it. A jog could be cancelled by one byte, but its
+end has no barrier: lines are refused while it runs.
+
+Commands raise errors and leave the arm standing. When the position becomes uncertain (reboot,
+alarm), every motion but :meth:`GrblArm.home` is refused until the arm was homed.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import NamedTuple
+
+from . import grbl
+from .errors import (
+    ArmAlarmError,
+    ArmBusyError,
+    ArmConnectionError,
+    ArmError,
+    ArmPositionError,
+    ArmProtocolError,
+    ArmStoppedError,
+    ArmTimeoutError,
+)
+from .transport import SerialLine
+
+_LOGGER = logging.getLogger(__name__)
+
+#: Answers to ``?`` get lost at times; it is sent again after this time [s].
+_ASK_AGAIN = 0.25
+#: Status period while the arm brakes [s].
+_BRAKE_PERIOD = 0.02
+#: How many bytes of noise an error message shows.
+_NOISE = 60
+
+
+class ArmState(NamedTuple):
+    """
+    Where the arm is.
+
+    Attributes
+    ----------
+    stamp : int
+        When the position was asked for, by the clock given to the driver [ns]; strictly
+        increasing.
+    azimuth : float
+        As the controller counts it, counter-clockwise positive, not wrapped [rad].
+    velocity : float
+        0.0 only if the arm stands and has settled [rad/s].
+    """
+
+    stamp: int
+    azimuth: float
+    velocity: float
+
+
+class _Report(NamedTuple):
+    """A status report with the axis in radians."""
+
+    stamp: int
+    status: grbl.Status
+    azimuth: float
+
+    def agrees(self, other: _Report) -> bool:
+        return (self.status.state, self.azimuth) == (other.status.state, other.azimuth)
+
+
+class _Line:
+    """A line that was sent and what the controller answered."""
+
+    def __init__(self, text: bytes) -> None:
+        self.text = text.decode('ascii').strip()
+        self.answer: grbl.Ok | grbl.ErrorReply | None = None
+
+
+class GrblArm:
+    """
+    The arm, connected from construction to :meth:`close`.
+
+    All methods may be called from any thread.
+
+    Parameters
+    ----------
+    port : str
+        Serial device.
+    baud_rate : int
+        Bits per second.
+    axis : str
+        Letter of the rotary axis, whose millimetres are degrees.
+    speed : float
+        Speed of motions [rad/s], > 0; the controller's maximum limits it.
+    settle_time : float
+        How long the arm swings after a motion [s].
+    response_timeout : float
+        How long an answer may take [s].
+    boot_timeout : float
+        How long the controller may take from opening the port to its banner [s].
+    status_period : float
+        Time between two status reports during a motion [s]; may be changed at any time.
+    clock : callable
+        Gives the stamps of states [ns].
+    listener : callable
+        Called with every state, in the thread of the command that measured it.
+
+    Raises
+    ------
+    ArmConnectionError
+        If the port cannot be opened.
+    ArmTimeoutError
+        If nothing answers.
+    ArmProtocolError
+        If something answers that is no GRBL 1.1 controller or lacks the axis.
+    ArmAlarmError
+        If the controller is in alarm and has no homing that could end it.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        *,
+        baud_rate: int = 115200,
+        axis: str = 'X',
+        speed: float,
+        settle_time: float = 0.0,
+        response_timeout: float = 1.0,
+        boot_timeout: float = 6.0,
+        status_period: float = 0.1,
+        clock: Callable[[], int] = time.time_ns,
+        listener: Callable[[ArmState], None] = lambda state: None,
+    ) -> None:
+        self.status_period = status_period
+        self._axis = axis
+        self._axis_index = grbl.AXES.index(axis)
+        self._settle_time = settle_time
+        self._response_timeout = response_timeout
+        self._clock = clock
+        self._listener = listener
+        self._last_stamp = 0
+
+        self._busy = threading.Lock()  # held by the command that runs
+        self._changed = threading.Condition()  # guards everything below
+        self._pending: deque[_Line] = deque()
+        self._settings: dict[int, float | None] = {}
+        self._reports: deque[grbl.Status] = deque(maxlen=1)  # since the last query
+        self._offset: tuple[float, ...] | None = None  # machine minus work coordinates
+        self._banner: grbl.Banner | None = None
+        self._banner_wanted = True
+        self._incident: ArmError | None = None  # what broke the running command
+        self._doubt = ''  # why the position is uncertain
+        self._broken: ArmConnectionError | None = None
+        self._stop_wanted = False
+        self._moving = False  # a motion was sent and has not been seen to end
+        self._velocity = 0.0  # commanded for the motion [rad/s]
+        self._homing = False
+        self._noise = b''
+        self._closed = False
+        self._reading = True
+
+        self._assembler = grbl.LineAssembler()
+
+        self._line = SerialLine(port, baud_rate)
+        self._reader = threading.Thread(target=self._read, name='arm reader', daemon=True)
+        self._reader.start()
+        try:
+            self._greet(boot_timeout)
+            self._read_settings()
+            self._speed = min(speed, math.radians(self._setting(110) / 60.0))
+            self._check_state()
+        except BaseException:
+            self._disconnect()
+            raise
+
+    # What the user calls.
+
+    @property
+    def port(self) -> str:
+        """The serial device."""
+        return self._line.port
+
+    @property
+    def doubt(self) -> str:
+        """Why the position is uncertain, as a sentence; empty if it is not."""
+        with self._changed:
+            return self._doubt
+
+    @property
+    def motor_step(self) -> float:
+        """Smallest motion [rad]."""
+        return math.radians(1.0 / self._setting(100))
+
+    @property
+    def releases_motor(self) -> bool:
+        """Whether the controller takes the current off the standing motor (``$1`` below 255)."""
+        return self._settings.get(1) not in (None, 255.0)
+
+    def measure(self) -> ArmState:
+        """
+        Where the standing arm is.
+
+        Raises
+        ------
+        ArmBusyError
+            If a command is running.
+        ArmPositionError
+            If the position is uncertain.
+        ArmError
+            If the controller does not answer, is in alarm, or the port is gone.
+        """
+        with self._command():
+            self._require_certainty()
+            return self._stand(self._measure())
+
+    def move_to(self, azimuth: float) -> ArmState:
+        """
+        Turn to an azimuth and return when the arm stands there and has settled.
+
+        Parameters
+        ----------
+        azimuth : float
+            Target [rad], not wrapped: 2π is a full turn away from 0.
+
+        Raises
+        ------
+        ArmBusyError
+            If another command is running.
+        ArmPositionError
+            If the position is uncertain.
+        ArmStoppedError
+            If :meth:`stop` or :meth:`interrupt` ended the motion.
+        ArmError
+            If the controller refuses, does not answer, goes into alarm, or the port is gone.
+        """
+        with self._command():
+            self._require_certainty()
+            return self._move(azimuth)
+
+    def home(self) -> ArmState:
+        """
+        Make the position certain and return where the arm stands then.
+
+        With homing enabled (``$22=1``) the controller searches its switch. Without, its count is
+        trusted: an alarm is unlocked and the arm turns back to 0. After a reboot the count is 0
+        where the arm stands, so it stays and that place is the new origin.
+
+        Raises
+        ------
+        ArmError
+            As :meth:`move_to`, but an uncertain position is no obstacle.
+        """
+        with self._command():
+            if self.doubt or self._setting(22):
+                self._halt()
+            if self._setting(22):
+                self._search_switch()
+            elif self._report().status.state == 'Alarm':
+                self._accept(self._send(grbl.UNLOCK), self._response_timeout)
+            with self._changed:
+                self._doubt = ''
+                self._incident = None
+            if self._setting(22):
+                return self._stand(self._measure())
+            return self._move(0.0)
+
+    def interrupt(self) -> None:
+        """Begin to brake and make the running command raise; :meth:`stop` must follow."""
+        with self._changed:
+            self._stop_wanted = True
+            if self._homing:  # only a reset ends it
+                self._banner_wanted = True
+                self._line.write(grbl.SOFT_RESET)
+            elif self._moving:
+                self._line.write(grbl.FEED_HOLD)
+            self._changed.notify_all()
+
+    def stop(self) -> ArmState | None:
+        """
+        Stop the arm, whatever it does, and keep its position.
+
+        Returns
+        -------
+        ArmState or None
+            Where it stands; None if it stands but its position is uncertain, for instance
+            because homing was interrupted (:attr:`doubt` says why).
+
+        Raises
+        ------
+        ArmError
+            If the controller does not answer or the port is gone.
+        """
+        self.interrupt()
+        with self._command(wait=True):
+            try:
+                self._halt()
+            except (ArmAlarmError, ArmPositionError):
+                return None  # the controller has stopped the motor by itself
+            return None if self.doubt else self._stand(self._measure())
+
+    def close(self) -> None:
+        """Leave the arm stopped and close the port. Idempotent."""
+        with self._changed:
+            if self._closed:
+                return
+            self._closed = True
+            running = self._moving or self._homing
+        try:
+            if running:
+                self.stop()
+        except ArmError as error:
+            _LOGGER.warning('the arm may not have stopped: %s', error)
+            with suppress(ArmError):
+                self._line.write(grbl.SOFT_RESET)
+        finally:
+            self._disconnect()
+
+    # Opening.
+
+    def _greet(self, timeout: float) -> None:
+        deadline = time.monotonic() + timeout
+        while self._banner is None:
+            self._write(grbl.STATUS_QUERY)
+            if self._until(lambda: bool(self._banner or self._reports), _ASK_AGAIN):
+                break
+            if time.monotonic() > deadline:
+                noise = (self._noise + self._assembler.rest)[:_NOISE]
+                if noise:
+                    raise ArmProtocolError(
+                        f'what answers on port {self.port} is no GRBL 1.1 controller, or '
+                        f'baud_rate is wrong; it sent {noise!r}'
+                    )
+                raise ArmTimeoutError(
+                    f'port {self.port} stays silent: no answer to a status query for {timeout:g} s'
+                )
+        if self._banner is None:  # opening the port did not restart it, and it may be moving
+            self._brake()
+            self._reset()
+        if self._banner is not None and self._banner.version.startswith('0.'):
+            raise ArmProtocolError(
+                f'controller on port {self.port} is GRBL {self._banner.version}; '
+                'version 1.1 is needed'
+            )
+
+    def _read_settings(self) -> None:
+        self._accept(self._send(grbl.READ_SETTINGS), self._response_timeout)
+        if len(self._report().status.position) <= self._axis_index:
+            raise ArmProtocolError(f'controller on port {self.port} has no axis {self._axis}')
+        for number in (100, 110, 120):
+            if self._setting(number) <= 0.0:
+                raise ArmProtocolError(
+                    f'controller on port {self.port} has no usable setting '
+                    f'${number + self._axis_index}'
+                )
+
+    def _check_state(self) -> None:
+        if self._report().status.state != 'Alarm':
+            return
+        if not self._setting(22):
+            raise ArmAlarmError(
+                f'controller on port {self.port} is in alarm and its position uncertain; remove '
+                'the cause, then switch it off and on, or send $X from a terminal'
+            )
+        with self._changed:
+            self._doubt = f'controller on port {self.port} has not been homed since it started'
+
+    def _setting(self, number: int) -> float:
+        """One setting; those of axes (from 100 on) are named by their number for X."""
+        number += self._axis_index if number >= 100 else 0
+        return self._settings.get(number) or 0.0
+
+    # Motions; the command lock is held.
+
+    @contextmanager
+    def _command(self, *, wait: bool = False) -> Iterator[None]:
+        # A command that was interrupted ends within the time of one answer.
+        timeout = 2.0 * self._response_timeout if wait else -1
+        if not self._busy.acquire(blocking=wait, timeout=timeout):
+            raise ArmBusyError(f'arm on port {self.port} is executing another command')
+        try:
+            with self._changed:
+                self._incident = None
+                if wait:
+                    self._stop_wanted = False
+            yield
+        except (ArmTimeoutError, ArmProtocolError):
+            if self._moving:  # the arm must not go on by itself
+                with suppress(ArmError):
+                    self._halt()
+            raise
+        finally:
+            self._busy.release()
+
+    def _move(self, azimuth: float) -> ArmState:
+        start = self._measure()
+        if start.status.state != 'Idle':
+            raise ArmProtocolError(
+                f'controller on port {self.port} is in state {start.status.state}, not Idle; '
+                'stop or home the arm first'
+            )
+        state = self._stand(start)
+        way = azimuth - start.azimuth
+        if abs(way) <= self._tolerance():
+            return state
+        self._velocity = math.copysign(self._speed, way)
+        duration = abs(way) / self._speed + self._speed / math.radians(self._setting(120))
+        feed = math.degrees(self._speed) * 60.0
+        move = grbl.encode_move(self._axis, math.degrees(azimuth), feed)
+        self._emit(self._clock(), start.azimuth, self._velocity)
+        lines = self._send(move, grbl.BARRIER, moves=True)
+        self._accept(lines, 1.5 * duration + self._response_timeout)
+        arrived = self._report()
+        self._emit_moving(arrived)
+        self._sleep(self._settle_time)
+        settled = self._report()
+        if not settled.agrees(arrived):
+            settled = self._measure()
+        with self._changed:
+            self._moving = False
+        if settled.status.state != 'Idle' or not self._is_at(settled, azimuth):
+            raise ArmProtocolError(
+                f'arm on port {self.port} was sent to {math.degrees(azimuth):.3f}° but the '
+                f'controller reports {settled.status.state} at '
+                f'{math.degrees(settled.azimuth):.3f}°'
+            )
+        return self._stand(settled)
+
+    def _search_switch(self) -> None:
+        travel, seek, fine, pull_off = (self._setting(n) for n in (130, 25, 24, 27))
+        timeout = 10.0 * self._response_timeout
+        if seek > 0.0 and fine > 0.0:
+            timeout += 60.0 * (1.5 * travel / seek + 10.0 * pull_off / fine)
+        self._velocity = math.radians(seek / 60.0) or self._speed
+        self._emit_moving(self._report())
+        try:
+            with self._changed:
+                self._homing = True
+            self._accept(self._send(grbl.HOME), timeout)
+            self._sleep(self._settle_time)
+        finally:
+            with self._changed:
+                self._homing = False
+
+    def _halt(self) -> None:
+        """Brake, drop all motions, and wait until the arm stands."""
+        restart = self._moving or bool(self._doubt)
+        if self._brake() != 'Idle' or restart:
+            self._reset()
+        with self._changed:
+            self._moving = False
+        self._sleep(self._settle_time)
+
+    def _brake(self) -> str:
+        """Hold the feed until the arm stands; return the controller's state then."""
+        deadline = time.monotonic() + self._response_timeout + self._braking_time()
+        while True:
+            if self._moving:
+                self._write(grbl.FEED_HOLD)
+            try:
+                status = (report := self._report()).status
+            except ArmTimeoutError:
+                if not self._doubt:
+                    raise
+                return 'Alarm'  # some alarms answer nothing but a reset
+            if status.state not in ('Run', 'Jog', 'Hold') or (status.state, status.substate) == (
+                'Hold',
+                0,
+            ):
+                return status.state
+            if time.monotonic() > deadline:
+                raise ArmTimeoutError(
+                    f'arm on port {self.port} does not stop; the controller reports {status.state}'
+                )
+            self._moving = True
+            self._emit_moving(report)
+            time.sleep(_BRAKE_PERIOD)
+
+    def _braking_time(self) -> float:
+        acceleration = math.radians(self._setting(120))
+        return self._speed / acceleration if acceleration > 0.0 else 5.0
+
+    def _reset(self) -> None:
+        with self._changed:
+            self._banner = None
+            self._banner_wanted = True
+            self._line.write(grbl.SOFT_RESET)
+        if not self._until(lambda: self._banner is not None, self._response_timeout):
+            raise ArmTimeoutError(
+                f'controller on port {self.port} did not restart within '
+                f'{self._response_timeout:g} s'
+            )
+
+    # Questions and answers.
+
+    def _send(self, *texts: bytes, moves: bool = False) -> list[_Line]:
+        lines = [_Line(text) for text in texts]
+        with self._changed:
+            self._raise_trouble()
+            self._pending.extend(lines)
+            self._moving = self._moving or moves
+            self._line.write(b''.join(texts))
+        return lines
+
+    def _accept(self, lines: list[_Line], timeout: float) -> None:
+        """Wait until all lines are answered with ok; during a motion, tell where the arm is."""
+        deadline = time.monotonic() + timeout
+        while True:
+            patience = max(0.0, deadline - time.monotonic())
+            if self._moving:
+                patience = min(patience, self.status_period)
+            if self._until(lambda: lines[-1].answer is not None, patience):
+                break
+            if time.monotonic() >= deadline:
+                raise ArmTimeoutError(
+                    f'controller on port {self.port} did not answer {lines[-1].text} within '
+                    f'{timeout:.1f} s'
+                )
+            self._emit_moving(self._report())
+        for line in lines:
+            if isinstance(line.answer, grbl.ErrorReply):
+                with self._changed:
+                    self._moving = self._moving and lines[0].answer == grbl.Ok()
+                raise ArmProtocolError(
+                    f'controller on port {self.port} refused {line.text} with '
+                    f'{line.answer.meaning}'
+                )
+
+    def _report(self) -> _Report:
+        """Ask for a status report until one comes that tells the position."""
+        deadline = time.monotonic() + self._response_timeout
+        patience = min(_ASK_AGAIN, self._response_timeout)
+        while time.monotonic() < deadline:
+            stamp = self._clock()
+            with self._changed:
+                self._reports.clear()
+                self._write(grbl.STATUS_QUERY)
+                if not self._until(lambda: bool(self._reports), patience):
+                    continue
+                status = self._reports[0]
+                azimuth = self._azimuth(status)
+            if azimuth is not None:
+                return _Report(stamp, status, azimuth)
+        raise ArmTimeoutError(
+            f'controller on port {self.port} did not answer a status query within '
+            f'{self._response_timeout:g} s'
+        )
+
+    def _measure(self) -> _Report:
+        """Ask until two reports agree."""
+        deadline = time.monotonic() + self._response_timeout
+        last = self._report()
+        while time.monotonic() < deadline:
+            report = self._report()
+            if report.agrees(last):
+                if report.status.state == 'Alarm':
+                    self._lose(f'controller on port {self.port} is in alarm')
+                    raise ArmAlarmError(f'{self._doubt}; home the arm')
+                return report
+            last = report
+        raise ArmProtocolError(
+            f'position reports of the controller on port {self.port} do not agree: '
+            f'{last.status.state} at {math.degrees(last.azimuth):.3f}°'
+        )
+
+    def _azimuth(self, status: grbl.Status) -> float | None:
+        if len(status.position) <= self._axis_index:
+            return 0.0  # _read_settings says so
+        value = status.position[self._axis_index]
+        if not status.machine:
+            if self._offset is None:
+                return None
+            value += self._offset[self._axis_index]
+        return math.radians(value * 25.4 if self._setting(13) else value)
+
+    def _tolerance(self) -> float:
+        """Half a motor step and the last digit of a report [rad]."""
+        digit = 25.4e-4 if self._setting(13) else 1e-3
+        return 0.5 * self.motor_step + math.radians(digit)
+
+    def _is_at(self, report: _Report, azimuth: float) -> bool:
+        return abs(report.azimuth - azimuth) <= self._tolerance()
+
+    def _stand(self, report: _Report) -> ArmState:
+        return self._emit(report.stamp, report.azimuth, 0.0)
+
+    def _emit_moving(self, report: _Report) -> None:
+        if self._velocity == 0.0:  # not a motion of this driver
+            return
+        velocity = self._velocity
+        if report.status.feed:
+            feed = report.status.feed * (25.4 if self._setting(13) else 1.0)
+            velocity = math.copysign(math.radians(feed / 60.0), velocity)
+        self._emit(report.stamp, report.azimuth, velocity)
+
+    def _emit(self, stamp: int, azimuth: float, velocity: float) -> ArmState:
+        self._last_stamp = max(stamp, self._last_stamp + 1)
+        state = ArmState(self._last_stamp, azimuth, velocity)
+        self._listener(state)
+        return state
+
+    def _require_certainty(self) -> None:
+        if doubt := self.doubt:
+            raise ArmPositionError(f'position is uncertain: {doubt}; home the arm')
+
+    def _sleep(self, seconds: float) -> None:
+        self._until(lambda: False, seconds)
+
+    def _until(self, happened: Callable[[], bool], timeout: float) -> bool:
+        """Wait; raise whatever breaks the running command meanwhile."""
+        deadline = time.monotonic() + timeout
+        with self._changed:
+            while True:
+                self._raise_trouble()
+                if happened():
+                    return True
+                remaining = deadline - time.monotonic()
+                if remaining <= 0.0:
+                    return False
+                self._changed.wait(remaining)
+
+    def _raise_trouble(self) -> None:
+        if self._broken is not None:
+            raise ArmConnectionError(str(self._broken)) from self._broken
+        if self._stop_wanted:
+            raise ArmStoppedError(f'arm on port {self.port} was stopped')
+        if self._incident is not None:
+            raise self._incident
+
+    def _write(self, data: bytes) -> None:
+        with self._changed:
+            self._raise_trouble()
+            self._line.write(data)
+
+    # The reader thread.
+
+    def _read(self) -> None:
+        try:
+            while self._reading:
+                for line in self._assembler.feed(self._line.read()):
+                    with self._changed:
+                        self._receive(grbl.parse(line))
+                        self._changed.notify_all()
+        except ArmConnectionError as error:
+            with self._changed:
+                self._broken = error
+                self._changed.notify_all()
+
+    def _receive(self, message: grbl.Message) -> None:
+        if isinstance(message, grbl.Ok | grbl.ErrorReply):
+            if self._pending:  # else the answer to a line that a reset cut off
+                self._pending.popleft().answer = message
+        elif isinstance(message, grbl.Status):
+            self._reports.append(message)
+            self._offset = message.offset or self._offset
+        elif isinstance(message, grbl.Setting):
+            self._settings[message.number] = message.value
+        elif isinstance(message, grbl.Banner):
+            self._pending.clear()
+            self._banner = message
+            if not self._banner_wanted and not self._doubt:
+                self._lose(f'controller on port {self.port} restarted by itself')
+                self._incident = ArmPositionError(f'position is lost: {self._doubt}')
+            self._banner_wanted = False
+        elif isinstance(message, grbl.Alarm):
+            self._pending.clear()
+            self._lose(f'controller on port {self.port} reported {message.meaning}')
+            self._incident = ArmAlarmError(f'{self._doubt}; home the arm')
+        elif isinstance(message, grbl.Malformed):
+            self._noise = (self._noise + message.raw)[:_NOISE]
+            _LOGGER.debug('port %s sent noise: %r', self.port, message.raw)
+
+    def _lose(self, reason: str) -> None:
+        with self._changed:
+            self._doubt = self._doubt or reason
+            self._moving = False
+
+    def _disconnect(self) -> None:
+        with self._changed:
+            self._reading = False
+            self._broken = self._broken or ArmConnectionError(f'port {self.port} was closed')
+            self._changed.notify_all()
+        with suppress(ArmError):
+            self._line.cancel_read()
+        self._reader.join()
+        with suppress(ArmError):
+            self._line.close()

@@ -1,0 +1,501 @@
+"""
+A simulated GRBL 1.1h controller with the arm it drives, as strict as the firmware.
+
+The controller is a machine in time: it is handed bytes and the time, and gives bytes. It keeps
+the firmware's ways that a driver can trip over: ``ok`` means parsed and not moved, positions are
+quantised to motor steps, numbers are 32-bit floats, a status in the same write as a move shows
+the old Idle, resets forget modes, braking takes time, homing and critical alarms answer nothing.
+
+Differences from the firmware: each move runs from rest to rest instead of blending into the next
+one; only the G-code a rotary axis needs is known (G0 G1 G4 G20 G21 G53 G54 G90 G91 G94); check
+mode, sleep, overrides, safety door, spindle and stored startup lines are absent. The rotary axis
+is X, one degree per millimetre.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from . import grbl
+from .motion import brake, state_at, trapezoid
+from .simulated_gcode import RefusedLineError, words_of
+from .truth import CAPACITY, Piece
+
+BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
+UNLOCK_HINT = b"[MSG:'$H'|'$X' to unlock]\r\n"
+
+_RX_BUFFER = 127  # bytes that fit while the main program is busy; more are lost
+_LINE_BUFFER = 79
+_PLANNER_BLOCKS = 15
+_INCH = np.float32(25.4)
+_FARTHEST = 1e6  # the firmware's 32-bit count of steps must not overflow
+_NEVER = math.inf
+
+
+def default_settings(
+    *,
+    steps_per_degree: float = 25.0,
+    max_rate: float = 60.0,
+    acceleration: float = 3600.0,
+) -> dict[int, float]:
+    """
+    The stored settings ``$N``.
+
+    Parameters
+    ----------
+    steps_per_degree : float
+        Motor steps per degree; 25 are 9000 per turn.
+    max_rate : float
+        Largest speed [°/s].
+    acceleration : float
+        Acceleration [°/s²]; with 3600 a step of 0.2° takes 15 ms.
+    """
+    settings: dict[int, float] = {0: 10, 1: 255, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0, 10: 1}
+    settings |= {11: 0.01, 12: 0.002, 13: 0, 20: 0, 21: 0, 22: 0, 23: 0, 24: 300.0}
+    settings |= {25: 1800.0, 26: 250, 27: 1.0, 30: 1000, 31: 0, 32: 0}
+    for axis in range(3):
+        settings |= {100 + axis: steps_per_degree, 110 + axis: 60.0 * max_rate}
+        settings |= {120 + axis: acceleration, 130 + axis: 360.0}
+    return settings
+
+
+@dataclass
+class _Modes:
+    """What the G-code parser remembers between lines, and a reset forgets."""
+
+    motion: int = 0
+    inches: bool = False
+    relative: bool = False
+    feed: np.float32 = field(default_factory=lambda: np.float32(0.0))
+    position: np.float32 = field(default_factory=lambda: np.float32(0.0))
+
+
+class SimulatedController:
+    """
+    The firmware and the arm.
+
+    Parameters
+    ----------
+    settings : dict
+        ``$N`` values, see :func:`default_settings`. ``$13`` (inches), ``$20`` (soft limits),
+        ``$22`` (homing) and bit 0 of ``$10`` (MPos or WPos) act as in the firmware.
+    boot_time : float
+        From power-up to the banner [s].
+    publish : callable, optional
+        Called with the pieces of the true motion whenever they change.
+    home_position : float or None
+        True azimuth at which homing leaves the arm [°]; None if the switch is broken.
+    work_offset : float
+        Stored G54 offset of the axis [mm]; work = machine − offset.
+    """
+
+    def __init__(
+        self,
+        settings: dict[int, float] | None = None,
+        *,
+        boot_time: float = 0.0,
+        publish: Callable[[Sequence[Piece]], None] = lambda pieces: None,
+        home_position: float | None = 0.0,
+        work_offset: float = 0.0,
+    ) -> None:
+        self.settings = default_settings() if settings is None else settings
+        self._boot_time = boot_time
+        self._publish = publish
+        self._home_position = home_position
+        self._work_offset = np.float32(work_offset)
+        self._pieces = [Piece(-math.inf, 0.0)]
+        self._zero = 0.0  # true azimuth of machine position 0 [rad]
+        self._output = bytearray()
+        self._state = 'Boot'
+        self._boot_at = _NEVER
+        self._dwell_until = _NEVER
+        self._motion_end = _NEVER
+        self._clear()
+
+    # What the outside does.
+
+    def power_up(self, now: float) -> None:
+        """Start as after power-up: the count is 0 wherever the arm stands."""
+        if self._moving(now):
+            self._kill_motor(now)
+        self._zero = state_at(self._pieces, now)[0]
+        self._output.clear()
+        self._clear()
+        self._state = 'Boot'
+        self._boot_at = now + self._boot_time
+        self.advance(now)
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes that arrive at the time ``now`` [s]."""
+        self.advance(now)
+        for value in data:
+            if self._state == 'Boot':
+                continue
+            byte = bytes([value])
+            if byte in (
+                grbl.STATUS_QUERY,
+                grbl.FEED_HOLD,
+                grbl.CYCLE_START,
+                grbl.SOFT_RESET,
+                grbl.JOG_CANCEL,
+            ):
+                self._real_time(byte, now)
+            elif value < 0x80 and len(self._received) < _RX_BUFFER:
+                self._received.append(value)
+        self._run(now)
+
+    def advance(self, now: float) -> None:
+        """Let everything happen that is due at the time ``now`` [s]."""
+        while (due := self.next_event()) <= now:
+            if due == self._boot_at:
+                self._boot_at = _NEVER
+                self._begin('Alarm' if self.settings[22] else 'Idle')
+            elif due == self._dwell_until:
+                self._dwell_until = _NEVER
+            else:
+                self._end_motion(due)
+            self._run(due)
+
+    def next_event(self) -> float:
+        """When something happens by itself [s]; +inf if nothing will."""
+        return min(self._boot_at, self._motion_end, self._dwell_until)
+
+    def take_output(self) -> bytes:
+        """Return what was sent since the last call."""
+        output = bytes(self._output)
+        self._output.clear()
+        return output
+
+    def raise_alarm(self, code: int, now: float) -> None:
+        """Go into alarm, as when a limit switch is hit (code 1)."""
+        self._kill_motor(now)
+        self._alarm(code)
+
+    # Firmware: start, reset, alarm.
+
+    def _clear(self) -> None:
+        self._received = bytearray()
+        self._modes = _Modes()
+        self._blocks: deque[tuple[float, float]] = deque()  # target [rad], speed [rad/s]
+        self._waiting: Callable[[float], bool] | None = None
+        self._motion_end = _NEVER
+        self._dwell_until = _NEVER
+        self._critical = False
+        self._offset_countdown = 0
+
+    def _begin(self, state: str) -> None:
+        self._state = state
+        self._modes.position = np.float32(self._steps()) / np.float32(self.settings[100])
+        self._output += BANNER
+        if state == 'Alarm':
+            self._output += UNLOCK_HINT
+
+    def _reset(self, now: float) -> None:
+        state = 'Alarm' if self._state == 'Alarm' else 'Idle'
+        if self._state == 'Home' or self._moving(now):
+            homing = self._state == 'Home'
+            self._kill_motor(now)
+            self._output += f'ALARM:{6 if homing else 3}\r\n'.encode()
+            state = 'Alarm'
+        if (
+            self._waiting is not None or self._critical
+        ):  # the line that was cut off is answered all the same
+            self._output += b'ok\r\n'
+        self._clear()
+        self._begin(state)
+
+    def _alarm(self, code: int) -> None:
+        self._output += f'ALARM:{code}\r\n'.encode()
+        self._clear()
+        self._state = 'Alarm'
+        if code in (1, 2):
+            self._output += b'[MSG:Reset to continue]\r\n'
+            self._critical = True
+
+    # Firmware: real-time bytes.
+
+    def _real_time(self, byte: bytes, now: float) -> None:
+        if byte == grbl.SOFT_RESET:
+            self._reset(now)
+        elif self._critical or self._state == 'Home':
+            return
+        elif byte == grbl.STATUS_QUERY:
+            self._report(now)
+        elif byte == grbl.FEED_HOLD and self._state in ('Idle', 'Run'):
+            if self._state == 'Run':
+                self._brake(now)
+            self._state = 'Hold'
+        elif self._state == 'Jog' and byte in (grbl.FEED_HOLD, grbl.JOG_CANCEL):
+            self._brake(now)
+            self._blocks.clear()
+        elif byte == grbl.CYCLE_START and self._state == 'Hold' and not self._moving(now):
+            self._state = 'Idle'
+            self._start_motion(now)
+
+    def _report(self, now: float) -> None:
+        state = self._state
+        if state == 'Hold':
+            state += ':1' if self._moving(now) else ':0'
+        azimuth, velocity = state_at(self._pieces, now)
+        machine = np.float32(self._steps(azimuth)) / np.float32(self.settings[100])
+        work = not int(self.settings[10]) & 1
+        position = machine - self._work_offset if work else machine
+        feed = abs(math.degrees(velocity)) * 60.0
+        fields = f'{state}|{"WPos" if work else "MPos"}:{self._coordinates(position)}'
+        fields += f'|FS:{feed / 25.4:.1f},0' if self.settings[13] else f'|FS:{feed:.0f},0'
+        if self._offset_countdown == 0:
+            fields += f'|WCO:{self._coordinates(self._work_offset)}'
+            self._offset_countdown = 10 if state in ('Idle', 'Alarm') else 30
+        self._offset_countdown -= 1
+        self._output += f'<{fields}>\r\n'.encode()
+
+    def _coordinates(self, value: np.float32) -> str:
+        if self.settings[13]:
+            return f'{value / _INCH:.4f},0.0000,0.0000'
+        return f'{value:.3f},0.000,0.000'
+
+    # Firmware: main program.
+
+    def _run(self, now: float) -> None:
+        while not self._blocked(now):
+            end = re.search(rb'[\r\n]', self._received)
+            if end is None:
+                break
+            raw = bytes(self._received[: end.start()])
+            del self._received[: end.end()]
+            try:
+                self._execute(raw, now)
+            except RefusedLineError as refusal:
+                self._output += f'error:{refusal.code}\r\n'.encode()
+        if self._state == 'Idle':
+            self._start_motion(now)
+
+    def _blocked(self, now: float) -> bool:
+        if self._state in ('Boot', 'Hold', 'Home') or self._critical:
+            return True
+        if self._waiting is None:
+            return False
+        if self._state == 'Idle':
+            self._start_motion(now)
+        if not self._waiting(now):
+            return True
+        self._waiting = None
+        self._output += b'ok\r\n'
+        return False
+
+    def _execute(self, raw: bytes, now: float) -> None:
+        line = re.sub(r'\([^)]*\)?|;.*', '', raw.decode('ascii', 'replace'))
+        line = re.sub(r'[\s/\x00-\x20]', '', line).upper()
+        if len(line) > _LINE_BUFFER:
+            raise RefusedLineError(11)
+        if line.startswith('$'):
+            self._system_command(line, now)
+        elif line and self._state in ('Alarm', 'Jog'):
+            raise RefusedLineError(9)
+        elif line:
+            self._block(line, now, jog=False)
+        if self._waiting is None and not self._critical and self._state != 'Home':
+            self._output += b'ok\r\n'
+
+    def _system_command(self, line: str, now: float) -> None:
+        if line.startswith('$J='):
+            if self._state not in ('Idle', 'Jog'):
+                raise RefusedLineError(8)
+            self._block(line[3:], now, jog=True)
+        elif line == '$$':
+            if self._state in ('Run', 'Hold'):
+                raise RefusedLineError(8)
+            for number, value in sorted(self.settings.items()):
+                decimals = 3 if number in (11, 12, 24, 25, 27) or number >= 100 else 0
+                self._output += f'${number}={value:.{decimals}f}\r\n'.encode()
+        elif line == '$X':
+            if self._state == 'Alarm':
+                self._output += b'[MSG:Caution: Unlocked]\r\n'
+                self._state = 'Idle'
+        elif self._state not in ('Idle', 'Alarm'):
+            raise RefusedLineError(8)
+        elif line == '$H':
+            self._home(now)
+        elif match := re.fullmatch(r'\$(\d+)=(\d+(?:\.\d*)?)', line):
+            if int(match[1]) not in self.settings:
+                raise RefusedLineError(3)
+            self.settings[int(match[1])] = float(match[2])
+        else:
+            raise RefusedLineError(3)
+
+    def _block(self, line: str, now: float, *, jog: bool) -> None:
+        commands, words = words_of(line)
+        if jog and not commands <= {20, 21, 53, 90, 91}:
+            raise RefusedLineError(16)
+        modes = self._changed_modes(commands)
+        scale = _INCH if modes.inches else np.float32(1.0)
+        unused = set(words) - set('FXYZ') - ({'P'} if 4 in commands else set())
+        if unused:
+            raise RefusedLineError(36)
+        if 'F' in words:
+            modes.feed = words['F'] * scale
+        elif jog:
+            raise RefusedLineError(22)
+        if 4 in commands:
+            self._dwell(words, now)
+        elif words.keys() & set('XYZ'):
+            target = words.get('X', np.float32(0.0)) * scale
+            if 'X' not in words:
+                target = modes.position
+            elif modes.relative:
+                target = modes.position + target
+            elif 53 not in commands:
+                target = target + self._work_offset
+            rapid = modes.motion == 0 and not jog
+            if not rapid and modes.feed == 0.0:
+                raise RefusedLineError(22)
+            self._line(target, math.inf if rapid else float(modes.feed), now, jog=jog)
+            modes.position = self._modes.position = target
+        elif jog or commands & {0, 1, 53}:
+            raise RefusedLineError(26)
+        if not jog and not self._critical:
+            self._modes = modes
+
+    def _changed_modes(self, commands: set[int]) -> _Modes:
+        modes = _Modes(**vars(self._modes))
+        for command in commands:
+            if command in (0, 1):
+                modes.motion = command
+            elif command in (20, 21):
+                modes.inches = command == 20
+            elif command in (90, 91):
+                modes.relative = command == 91
+        return modes
+
+    def _dwell(self, words: dict[str, np.float32], now: float) -> None:
+        if 'P' not in words:
+            raise RefusedLineError(28)
+        if words.keys() & set('XYZ'):
+            raise RefusedLineError(31)
+        seconds = float(words['P'])
+
+        def over(moment: float) -> bool:
+            nonlocal seconds
+            if self._blocks or self._state != 'Idle':
+                return False
+            if seconds > 0.0:
+                self._dwell_until = moment + seconds
+                seconds = 0.0
+            return self._dwell_until == _NEVER
+
+        self._waiting = over
+
+    def _line(self, target: np.float32, feed: float, now: float, *, jog: bool) -> None:
+        if self.settings[20] and not -self.settings[130] <= target <= 0.0:
+            if jog:
+                raise RefusedLineError(15)
+            if self._moving(now):
+                self._brake(now)
+            self._alarm(2)
+            return
+        if abs(target) > _FARTHEST:
+            raise RefusedLineError(33)
+        exact = float(target * np.float32(self.settings[100]))
+        steps = int(math.copysign(math.floor(abs(exact) + 0.5), exact))
+        speed = math.radians(min(feed, self.settings[110]) / 60.0)
+
+        def planned(_: float) -> bool:
+            if len(self._blocks) >= _PLANNER_BLOCKS:
+                return False
+            last = self._blocks[-1][0] if self._blocks else None
+            if steps != self._steps(last):  # a move without a step is none
+                self._blocks.append((self._azimuth_of(steps), speed))
+            return True
+
+        if not planned(now):
+            self._waiting = planned
+        if jog and self._blocks and self._state == 'Idle':
+            self._state = 'Jog'
+            self._start_block(now)
+
+    def _home(self, now: float) -> None:
+        if not self.settings[22]:
+            raise RefusedLineError(5)
+        here = state_at(self._pieces, now)[0]
+        reach = 1.5 * math.radians(self.settings[130])
+        found = self._home_position is not None
+        end = math.radians(self._home_position or 0.0) if found else here + reach
+        found = found and abs(end - here) <= reach
+
+        def finish(_: float) -> bool:
+            if not found:
+                self._alarm(9)
+                self._output += b'ok\r\n'
+                self._critical = False
+                self._begin('Alarm')
+                return False
+            self._zero = end + math.radians(self.settings[27])
+            self._modes.position = np.float32(-self.settings[27])
+            return True
+
+        self._state = 'Home'
+        self._waiting = finish
+        speed = math.radians(self.settings[25] / 60.0)
+        self._move(trapezoid(now, here, end, speed, math.radians(self.settings[120])))
+
+    # The motor.
+
+    def _steps(self, azimuth: float | None = None) -> int:
+        if azimuth is None:
+            azimuth = self._pieces[-1].azimuth
+        return round(math.degrees(azimuth - self._zero) * self.settings[100])
+
+    def _azimuth_of(self, steps: int) -> float:
+        return self._zero + math.radians(steps / self.settings[100])
+
+    def _moving(self, now: float) -> bool:
+        return now < self._motion_end < _NEVER
+
+    def _start_motion(self, now: float) -> None:
+        if self._blocks:
+            self._state = 'Run'
+            self._start_block(now)
+
+    def _start_block(self, now: float) -> None:
+        target, speed = self._blocks[0]
+        start = state_at(self._pieces, now)[0]
+        self._move(trapezoid(now, start, target, speed, math.radians(self.settings[120])))
+
+    def _brake(self, now: float) -> None:
+        azimuth, velocity = state_at(self._pieces, now)
+        grid = math.radians(1.0 / self.settings[100])
+        acceleration = math.radians(self.settings[120])
+        self._move(brake(now, azimuth, velocity, acceleration, grid, self._zero))
+
+    def _kill_motor(self, now: float) -> None:
+        """Stop the pulses at once: the count stays, the arm slips on by its momentum."""
+        azimuth, velocity = state_at(self._pieces, now)
+        counted = self._azimuth_of(self._steps(azimuth))
+        slip = velocity * abs(velocity) / (4.0 * math.radians(self.settings[120]))
+        self._zero += slip
+        self._move([Piece(now, counted + slip)])
+        self._motion_end = _NEVER
+
+    def _move(self, pieces: list[Piece]) -> None:
+        past = [piece for piece in self._pieces if piece.begin < pieces[0].begin]
+        self._pieces = (past + pieces)[-CAPACITY:]
+        self._motion_end = pieces[-1].begin
+        self._publish(self._pieces)
+
+    def _end_motion(self, now: float) -> None:
+        self._motion_end = _NEVER
+        if self._state in ('Run', 'Jog') and self._blocks:
+            self._blocks.popleft()
+            if self._blocks:
+                self._start_block(now)
+                return
+        if self._state == 'Jog':
+            self._modes.position = np.float32(self._steps()) / np.float32(self.settings[100])
+        if self._state in ('Run', 'Jog', 'Home'):
+            self._state = 'Idle'

@@ -1,0 +1,138 @@
+"""The simulated controller on a pseudo-terminal that looks like a serial port."""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import select
+import time
+import tty
+from pathlib import Path
+from types import TracebackType
+
+from .simulated import SimulatedController
+from .truth import TruthWriter, truth_path
+
+_LOGGER = logging.getLogger(__name__)
+
+#: How often a port that nobody has open is looked at [s].
+_OPEN_POLL = 0.02
+
+
+class TerminalError(RuntimeError):
+    """The link of the pseudo-terminal cannot be made."""
+
+
+class SimulatedArm:
+    """
+    Serves one controller on one pseudo-terminal, linked at a path, and publishes its truth.
+
+    Opening the port powers the controller up anew, as the DTR line does on most boards: the
+    banner comes after the boot time and the count starts at 0 wherever the arm stands.
+
+    Parameters
+    ----------
+    link : path-like
+        Symbolic link to the terminal; the true motion is in ``truth_path(link)``. A link left
+        over by a program that died is replaced.
+    reset_on_open : bool
+        False for a board that runs on when its port is opened.
+    **controller
+        Arguments of :class:`SimulatedController` but ``publish``.
+
+    Raises
+    ------
+    TerminalError
+        If something else is at the link.
+    TruthError
+        If another simulated arm uses the link, or its folder cannot be written.
+    """
+
+    def __init__(
+        self, link: str | os.PathLike[str], *, reset_on_open: bool = True, **controller: object
+    ) -> None:
+        self.link = Path(link)
+        self._reset_on_open = reset_on_open
+        if self.link.exists() and not self.link.is_symlink():
+            raise TerminalError(f'{self.link} exists and is not a link of a simulated arm')
+        self._truth = TruthWriter(truth_path(self.link))
+        self.controller = SimulatedController(
+            publish=self._truth.write,
+            **controller,  # type: ignore[arg-type] # checked by the controller's signature
+        )
+        self._master, terminal = os.openpty()
+        tty.setraw(terminal)
+        self.terminal = os.ttyname(terminal)
+        os.set_blocking(self._master, False)
+        os.close(terminal)  # from now on the master sees whether somebody has the port open
+        self._wake, self._waker = os.pipe()
+        self._open = False
+        self._closed = False
+        self._poll = select.poll()
+        self._poll.register(self._wake, select.POLLIN)
+        self._poll.register(self._master, select.POLLIN)
+        fresh = self.link.with_name(f'{self.link.name}.{os.getpid()}')
+        fresh.symlink_to(self.terminal)
+        fresh.replace(self.link)
+        if not reset_on_open:
+            self.controller.power_up(time.monotonic())
+
+    def __enter__(self) -> SimulatedArm:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def run(self) -> None:
+        """Serve until :meth:`stop`."""
+        while True:
+            events = dict(self._poll.poll(self._patience()))
+            if self._wake in events:
+                return
+            now = time.monotonic()
+            is_open = not events.get(self._master, 0) & select.POLLHUP
+            if is_open and not self._open and self._reset_on_open:
+                self.controller.power_up(now)
+            self._open = is_open
+            if is_open and events.get(self._master, 0) & select.POLLIN:
+                self.controller.receive(os.read(self._master, 4096), now)
+            else:
+                self.controller.advance(now)
+            self.send(self.controller.take_output())
+            if not is_open:
+                time.sleep(_OPEN_POLL)  # a hung-up terminal is always ready
+
+    def send(self, data: bytes) -> None:
+        """Send bytes to whoever has the port open; they are lost if nobody has."""
+        if data and self._open:
+            try:
+                os.write(self._master, data)
+            except BlockingIOError:
+                _LOGGER.warning('nobody reads port %s; %d bytes are lost', self.link, len(data))
+
+    def stop(self) -> None:
+        """Make :meth:`run` return; callable from any thread and from a signal handler."""
+        os.write(self._waker, b'x')
+
+    def close(self) -> None:
+        """Take the port away, as unplugging it does, and remove link and truth. Idempotent."""
+        if self._closed:
+            return
+        self._closed = True
+        if self.link.is_symlink() and os.readlink(self.link) == self.terminal:
+            self.link.unlink()
+        for descriptor in (self._master, self._wake, self._waker):
+            os.close(descriptor)
+        self._truth.close()
+
+    def _patience(self) -> float | None:  # [ms]
+        due = self.controller.next_event()
+        if due == math.inf:
+            return None
+        return max(0.0, math.ceil((due - time.monotonic()) * 1e3))
