@@ -1,0 +1,333 @@
+"""The mosaicer node: leading, listening, refusing, giving up."""
+
+import math
+
+import numpy as np
+import pytest
+from fixtures.rig import HEIGHT, MessageRig
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Float32
+from std_srvs.srv import Trigger
+
+from panodepth_ros.nodes.mosaicer import Mosaicer
+from panodepth_ros.ros.images import to_array
+from panodepth_ros.ros.messages import panorama_geometry
+from panodepth_ros.ros.parameters import ParameterError
+
+pytestmark = pytest.mark.ros
+
+STEP_DEG = 6.0
+COLUMNS = 60
+
+
+def parameters(**values):
+    values = {'column_step_deg': STEP_DEG, 'column_offset_px': 20.0, **values}
+    return [Parameter(name, value=value) for name, value in values.items()]
+
+
+class Bench:
+    """A mosaicer, a rig, and a listener."""
+
+    def __init__(self, ros, **values):
+        self.ros = ros
+        self.mosaicer = ros.add(
+            Mosaicer(context=ros.context, parameter_overrides=parameters(**values))
+        )
+        self.rig = ros.add(MessageRig(math.radians(STEP_DEG), context=ros.context))
+        self.listener = ros.node('listener')
+        self.got = {}
+        self.progress = []
+        for name in ('left', 'right', 'center'):
+            for kind, topic in ((Image, 'image'), (CameraInfo, 'camera_info')):
+                self.got[f'{name}/{topic}'] = []
+                self.listener.create_subscription(
+                    kind, f'{name}/{topic}', self.got[f'{name}/{topic}'].append, 10
+                )
+        self.listener.create_subscription(
+            Float32, 'mosaicer/progress', lambda m: self.progress.append(m.data), 100
+        )
+        self.clients = {
+            name: self.listener.create_client(Trigger, f'mosaicer/{name}')
+            for name in ('start', 'cancel')
+        }
+        ros.spin_until(self.connected, 'the graph')
+
+    def connected(self):
+        return (
+            all(client.service_is_ready() for client in self.clients.values())
+            and self.mosaicer._step_client.service_is_ready()
+            and self.mosaicer.count_publishers('joint_states')
+            and self.rig.count_subscribers('image_raw')
+            and self.rig.count_subscribers('camera_info')
+            and self.rig.count_subscribers('joint_states')
+            and self.mosaicer.count_subscribers('left/image')
+            and self.mosaicer.count_subscribers('center/camera_info')
+            and self.mosaicer.count_subscribers('mosaicer/progress')
+        )
+
+    def call(self, service):
+        future = self.clients[service].call_async(Trigger.Request())
+        return self.ros.result(future, f'answer of {service}')
+
+    def ready(self):
+        """Let the mosaicer know camera and arm."""
+        self.rig.camera_info()
+        self.rig.standing()
+        track = self.mosaicer._assembler.track
+        self.ros.spin_until(
+            lambda: self.mosaicer._assembler.camera and track.newest, 'camera and arm'
+        )
+        return self
+
+    def start(self):
+        answer = self.call('start')
+        assert answer.success, answer.message
+
+    def set(self, **values):
+        client = self.listener.create_client(SetParameters, 'mosaicer/set_parameters')
+        self.ros.spin_until(client.service_is_ready, 'set_parameters')
+        messages = [
+            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+        ]
+        (result,) = self.ros.result(
+            client.call_async(SetParameters.Request(parameters=messages))
+        ).results
+        return result
+
+    def sweeps(self, count=1):
+        self.ros.spin_until(
+            lambda: all(len(messages) >= count for messages in self.got.values()), 'panoramas'
+        )
+        return {topic: messages[count - 1] for topic, messages in self.got.items()}
+
+    def given_up(self):
+        self.ros.spin_until(lambda: self.mosaicer._lead is None, 'the end of the sweep')
+        assert not any(self.got.values()), 'a sweep that was given up was published'
+
+
+@pytest.fixture
+def bench(ros):
+    return Bench(ros).ready()
+
+
+def test_led_sweep_makes_the_panoramas(bench):
+    bench.start()
+    got = bench.sweeps()
+    for name, u in (('left', 40), ('right', 0), ('center', 20)):
+        image, info = got[f'{name}/image'], got[f'{name}/camera_info']
+        assert image.header == info.header
+        assert image.header.frame_id == 'panodepth'
+        pixels = to_array(image)
+        assert pixels.shape == (HEIGHT, COLUMNS, 3)
+        assert (pixels[:, :, 1] == u).all()
+        assert sorted(pixels[0, :, 0].tolist()) == list(range(1, COLUMNS + 1))
+        geometry = panorama_geometry(info)
+        assert geometry.uniform
+        sign = {'left': -1, 'right': 1, 'center': 0}[name]
+        assert geometry.principal_angle == pytest.approx(sign * math.atan(20 / 40))
+        # Frame 15 was taken at 90 degrees: its column looks at 90 degrees plus the ray's angle.
+        (column,) = np.flatnonzero(pixels[0, :, 0] == 15)
+        beta = float(geometry.ray_azimuth(column)) - geometry.principal_angle
+        assert math.remainder(beta - math.pi / 2, 2 * math.pi) == pytest.approx(0, abs=1e-9)
+    assert bench.rig.steps == COLUMNS
+    bench.ros.spin_until(lambda: bench.progress and bench.progress[-1] == 1.0, 'progress')
+    assert bench.progress == sorted(bench.progress)
+    assert len(bench.progress) == COLUMNS + 1
+
+
+def test_stamp_is_the_end_of_the_sweep_and_the_duration_travels(bench):
+    bench.start()
+    info = bench.sweeps()['left/camera_info']
+    duration = panorama_geometry(info).sweep_duration
+    assert 0 < duration < 100
+    end = info.header.stamp.sec + info.header.stamp.nanosec * 1e-9
+    assert end <= bench.rig.now / 1e9
+    assert end > bench.rig.now / 1e9 - 0.2
+
+
+def test_listening_gives_the_same_panoramas_as_leading(ros):
+    led = Bench(ros).ready()
+    remappings = [
+        word
+        for topic in ('image_raw', 'camera_info', 'joint_states')
+        for word in ('-r', f'{topic}:=/{topic}')
+    ]
+    listener = ros.add(
+        Mosaicer(
+            context=ros.context,
+            namespace='listening',
+            parameter_overrides=parameters(lead=False),
+            cli_args=['--ros-args', *remappings],
+        )
+    )
+    heard = []
+    led.listener.create_subscription(Image, 'listening/left/image', heard.append, 10)
+    ros.spin_until(lambda: listener.count_subscribers('listening/left/image'), 'the listener')
+    ros.spin_until(lambda: led.rig.count_subscribers('image_raw') == 2, 'the listener')
+    led.start()
+    ours = led.sweeps()['left/image']
+    ros.spin_until(lambda: heard, 'the listening mosaicer')
+    assert heard[0] == ours
+
+
+def test_second_sweep_follows_the_first(bench):
+    bench.start()
+    bench.sweeps()
+    bench.start()
+    again = bench.sweeps(2)['left/image']
+    assert set(to_array(again)[0, :, 0].tolist()) == set(range(COLUMNS + 1, 2 * COLUMNS + 1))
+
+
+def test_part_of_a_turn(ros):
+    bench = Bench(ros, sweep_deg=60.0).ready()
+    bench.start()
+    geometry = panorama_geometry(bench.sweeps()['left/camera_info'])
+    assert geometry.columns == COLUMNS
+    assert int(geometry.seen.sum()) == 10
+    assert bench.rig.steps == 10
+
+
+def test_live_parameter_acts_on_the_next_sweep(bench):
+    assert bench.set(column_offset_px=10.0).successful
+    bench.start()
+    assert (to_array(bench.sweeps()['left/image'])[:, :, 1] == 30).all()
+
+
+def test_column_outside_the_image_is_refused_live(bench):
+    result = bench.set(column_offset_px=21.0)
+    assert not result.successful
+    assert 'u = 41.0, outside the image; allowed: 0 to 40' in result.reason
+
+
+def test_read_only_parameter_is_refused_live(bench):
+    assert not bench.set(column_step_deg=3.0).successful
+
+
+@pytest.mark.parametrize(
+    ('values', 'sentence'),
+    [
+        ({'column_step_deg': 0.7}, 'column_step_deg is 0.7'),
+        ({'sweep_deg': 100.0}, 'sweep_deg is 100.0: 16.667 steps'),
+        ({'arm_radius': -1.0}, 'arm_radius is -1.0; allowed: 0.01 to 10 m'),
+        ({'arm_radius': 'wide'}, "arm_radius is 'wide'; allowed: a floating-point number"),
+        ({'column_step_dge': 0.2}, 'unknown parameter column_step_dge for mosaicer'),
+    ],
+)
+def test_bad_parameter_stops_the_start_with_a_sentence(ros, values, sentence):
+    with pytest.raises(ParameterError) as error:
+        Mosaicer(context=ros.context, parameter_overrides=parameters(**values))
+    assert sentence in str(error.value)
+
+
+def test_start_without_a_camera_is_refused(ros):
+    bench = Bench(ros)
+    answer = bench.call('start')
+    assert not answer.success
+    assert 'no camera_info received yet' in answer.message
+
+
+def test_start_without_an_arm_is_refused(ros):
+    bench = Bench(ros)
+    bench.rig.camera_info()
+    ros.spin_until(lambda: bench.mosaicer._assembler.camera, 'camera_info')
+    assert 'no joint state of panodepth_arm_joint' in bench.call('start').message
+
+
+def test_start_with_an_uncalibrated_camera_is_refused(ros):
+    bench = Bench(ros)
+    bench.rig.camera_info(focal_length=0.0)
+    bench.rig.standing()
+    ros.spin_until(lambda: 'fx is 0.0' in bench.mosaicer._camera_fault, 'camera_info')
+    assert 'fx is 0.0' in bench.call('start').message
+
+
+def test_start_of_a_listener_is_refused(ros):
+    assert 'only listens' in Bench(ros, lead=False).ready().call('start').message
+
+
+def test_start_during_a_sweep_is_refused(bench):
+    bench.rig.frames = False
+    bench.start()
+    assert 'a sweep is running' in bench.call('start').message
+
+
+def test_cancel_ends_the_sweep_without_a_result(bench):
+    bench.rig.frames = False
+    bench.start()
+    assert bench.call('cancel').success
+    bench.given_up()
+    assert not bench.call('cancel').success
+
+
+def test_refused_step_ends_the_sweep_without_a_result(bench):
+    bench.rig.refuse_at = 7
+    bench.start()
+    bench.given_up()
+
+
+def test_arm_that_takes_another_step_ends_the_sweep(bench):
+    bench.rig.travel = 2.0
+    bench.start()
+    bench.given_up()
+    assert bench.rig.steps == 1
+
+
+def test_arm_that_never_answers_ends_the_sweep(ros):
+    bench = Bench(ros, step_timeout=0.5).ready()
+    bench.rig.move = lambda: None
+    bench.rig.frames = False
+    bench.start()
+    bench.given_up()
+
+
+def test_camera_that_stops_makes_the_sweep_wait_and_go_on(ros):
+    bench = Bench(ros, frame_timeout=0.1).ready()
+    bench.rig.frames = False
+    bench.start()
+    ros.spin_until(lambda: bench.rig.steps == 1, 'the first step')
+    waiting = bench.mosaicer._lead.waiting_since
+    ros.spin_until(lambda: _time_since(waiting) > 0.5, 'the wait')
+    assert bench.rig.steps == 1, 'the arm went on without a frame'
+    bench.rig.frames = True
+    bench.rig.frame()
+    bench.rig.standing()
+    assert len(set(to_array(bench.sweeps()['left/image'])[0, :, 0].tolist())) == COLUMNS
+
+
+def _time_since(moment):
+    import time  # noqa: PLC0415
+
+    return time.monotonic() - moment
+
+
+def test_frame_of_another_size_in_the_middle_is_dropped(bench):
+    move = bench.rig.move
+
+    def move_and_show_another_size():
+        move()
+        if bench.rig.steps == 20:
+            bench.rig.frame(height=HEIGHT + 1, mark=200)
+
+    bench.rig.move = move_and_show_another_size
+    bench.start()
+    row = to_array(bench.sweeps()['left/image'])[0, :, 0].tolist()
+    assert 200 not in row
+    assert 20 in row
+
+
+def test_frame_of_unknown_encoding_is_dropped(bench):
+    move = bench.rig.move
+
+    def move_and_show_an_unknown_encoding():
+        move()
+        if bench.rig.steps == 20:
+            message = Image(height=HEIGHT, width=41, encoding='plasma8', step=41)
+            message.data = bytes(41 * HEIGHT)
+            message.header.stamp = bench.rig.later(5)
+            bench.rig._images.publish(message)
+
+    bench.rig.move = move_and_show_an_unknown_encoding
+    bench.start()
+    assert 20 in to_array(bench.sweeps()['left/image'])[0, :, 0].tolist()
