@@ -85,11 +85,11 @@ class Depth(Node):
         super().__init__(
             'depth', automatically_declare_parameters_from_overrides=True, **node_args
         )
-        self._parameters = declare_parameters(
+        self._settings = declare_parameters(
             self, DepthParameters, self._on_parameters, lambda proposed: prepare(proposed.method)
         )
         start = time.monotonic()
-        prepare(self._parameters.method)
+        prepare(self._settings.method)
         self._matcher = StampMatcher(_TOPICS, depth=4)
         self._depth_publisher = self.create_publisher(Image, 'depth/image', qos.PANORAMAS)
         self._confidence_publisher = self.create_publisher(
@@ -110,12 +110,12 @@ class Depth(Node):
                 kind, topic, lambda message, topic=topic: self._on(topic, message), qos.PANORAMAS
             )
         self.get_logger().info(
-            f'ready; matching by {self._parameters.method}, '
+            f'ready; matching by {self._settings.method}, '
             f'prepared in {time.monotonic() - start:.1f} s'
         )
 
     def _on_parameters(self, parameters: DepthParameters) -> None:
-        self._parameters = parameters
+        self._settings = parameters
 
     def _on(self, topic: str, message: Any) -> None:
         messages = self._matcher.add(topic, message)
@@ -126,7 +126,7 @@ class Depth(Node):
         """Match pair after pair in a thread of its own, so that services stay answered."""
         while (messages := self._work.get()) is not None:
             try:
-                self._match(messages, self._parameters)
+                self._match(messages, self._settings)
             except ValueError as error:
                 self.get_logger().error(f'panoramas refused, nothing is published: {error}')
 

@@ -121,16 +121,16 @@ class Mosaicer(Node):
         super().__init__(
             'mosaicer', automatically_declare_parameters_from_overrides=True, **node_args
         )
-        self._parameters = declare_parameters(
+        self._settings = declare_parameters(
             self, MosaicerParameters, self._on_parameters, self._check_parameters
         )
         self._assembler = Assembler(
-            self._parameters.rig(),
+            self._settings.rig(),
             ArmTrack(
-                radians(self._parameters.standstill_tolerance_deg),
-                round(self._parameters.joint_state_gap * 1e9),
+                radians(self._settings.standstill_tolerance_deg),
+                round(self._settings.joint_state_gap * 1e9),
             ),
-            round(self._parameters.settle_time * 1e9),
+            round(self._settings.settle_time * 1e9),
         )
         self._lead: _Lead | None = None
         self._camera_fault = 'no camera_info received yet'
@@ -155,7 +155,7 @@ class Mosaicer(Node):
         self.create_service(Trigger, '~/cancel', self._on_cancel)
         self.create_timer(_WATCH_PERIOD, self._advance)
         self.get_logger().info(
-            'ready; sweeps begin with ~/start' if self._parameters.lead else 'ready; listening'
+            'ready; sweeps begin with ~/start' if self._settings.lead else 'ready; listening'
         )
 
     # --- parameters ---------------------------------------------------------------------------
@@ -166,7 +166,7 @@ class Mosaicer(Node):
             Sweep(proposed.rig(), camera, 0.0)
 
     def _on_parameters(self, parameters: MosaicerParameters) -> None:
-        self._parameters = parameters
+        self._settings = parameters
         self._assembler.rig = parameters.rig()
 
     # --- data ---------------------------------------------------------------------------------
@@ -194,9 +194,9 @@ class Mosaicer(Node):
         self._advance()
 
     def _on_joint_state(self, message: JointState) -> None:
-        if self._parameters.joint_name not in message.name:
+        if self._settings.joint_name not in message.name:
             return
-        index = list(message.name).index(self._parameters.joint_name)
+        index = list(message.name).index(self._settings.joint_name)
         if index >= len(message.position):
             self._assembler.drops['joint state without a position'] += 1
             return
@@ -225,14 +225,14 @@ class Mosaicer(Node):
 
     def _why_not_start(self) -> str:
         """Return a sentence for the user, empty if nothing is in the way."""
-        if not self._parameters.lead:
+        if not self._settings.lead:
             return 'lead is false: this mosaicer only listens'
         if self._lead is not None:
             return 'a sweep is running; cancel it first'
         if self._camera_fault:
             return f'the camera cannot be used: {self._camera_fault}'
         if self._assembler.track.newest is None:
-            return f'no joint state of {self._parameters.joint_name} received yet'
+            return f'no joint state of {self._settings.joint_name} received yet'
         if not self._step_client.service_is_ready():
             return f'the service {self._step_client.srv_name} is not there'
         return ''
@@ -255,23 +255,23 @@ class Mosaicer(Node):
         waited = time.monotonic() - lead.waiting_since
         standstill = self._assembler.track.current
         if lead.step is not None or standstill is None or standstill.start <= lead.after:
-            if waited > self._parameters.step_timeout:
+            if waited > self._settings.step_timeout:
                 self._give_up(
                     f'the arm did not take a step and report standing still within '
-                    f'{self._parameters.step_timeout:g} s'
+                    f'{self._settings.step_timeout:g} s'
                 )
         elif not self._took_one_column(lead, standstill):
             self._give_up(
                 f'the arm moved {degrees(standstill.azimuth - lead.azimuth):.4f}° on a step; '
-                f'column_step_deg is {self._parameters.column_step_deg:g}, and so must the '
+                f'column_step_deg is {self._settings.column_step_deg:g}, and so must the '
                 "arm's step be"
             )
         elif not self._assembler.has_frame_of(standstill):
-            if waited > self._parameters.frame_timeout:
+            if waited > self._settings.frame_timeout:
                 self.get_logger().error(
                     f'no frame for {waited:.1f} s: the sweep waits at column {lead.steps} of '
                     f'{self._assembler.rig.sweep_columns}',
-                    throttle_duration_sec=self._parameters.frame_timeout,
+                    throttle_duration_sec=self._settings.frame_timeout,
                 )
         elif lead.steps < self._assembler.rig.sweep_columns or self._assembler.has_used(
             standstill
@@ -318,7 +318,7 @@ class Mosaicer(Node):
 
     def _publish_panoramas(self, sweep: Sweep) -> None:
         panoramas = sweep.panoramas()
-        header = Header(stamp=to_stamp(sweep.end or 0), frame_id=self._parameters.frame_id)
+        header = Header(stamp=to_stamp(sweep.end or 0), frame_id=self._settings.frame_id)
         for name, panorama in panoramas.items():
             encoding = 'bgr8' if panorama.image.ndim == 3 else 'mono8'
             self._info_publishers[name].publish(panorama_info(panorama.geometry, header))

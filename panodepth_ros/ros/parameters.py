@@ -149,7 +149,7 @@ def declare_parameters(
     kinds = get_type_hints(table)
     given = {
         name: node.get_parameter(name)
-        for name in node.list_parameters([], 0).result.names
+        for name in node.list_parameters([], 0).names
         if name not in STANDARD_NAMES and not name.startswith('qos_overrides.')
     }
     unknown = sorted(set(given) - set(fields))

@@ -149,12 +149,9 @@ def test_stamp_is_the_end_of_the_sweep_and_the_duration_travels(bench):
 
 def test_listening_gives_the_same_panoramas_as_leading(ros):
     led = Bench(ros).ready()
-    remappings = [
-        word
-        for topic in ('image_raw', 'camera_info', 'joint_states')
-        for word in ('-r', f'{topic}:=/{topic}')
-    ]
-    listener = ros.add(
+    topics = ('image_raw', 'camera_info', 'joint_states')
+    remappings = [word for topic in topics for word in ('-r', f'{topic}:=/{topic}')]
+    ros.add(
         Mosaicer(
             context=ros.context,
             namespace='listening',
@@ -164,8 +161,13 @@ def test_listening_gives_the_same_panoramas_as_leading(ros):
     )
     heard = []
     led.listener.create_subscription(Image, 'listening/left/image', heard.append, 10)
-    ros.spin_until(lambda: listener.count_subscribers('listening/left/image'), 'the listener')
-    ros.spin_until(lambda: led.rig.count_subscribers('image_raw') == 2, 'the listener')
+    ros.spin_until(
+        lambda: (
+            led.listener.count_publishers('listening/left/image')
+            and all(led.rig.count_subscribers(topic) == 2 for topic in topics)
+        ),
+        'the listener',
+    )
     led.start()
     ours = led.sweeps()['left/image']
     ros.spin_until(lambda: heard, 'the listening mosaicer')
