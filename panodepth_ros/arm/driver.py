@@ -207,6 +207,10 @@ class GrblArm:
         """Whether the controller takes the current off the standing motor (``$1`` below 255)."""
         return self._settings.get(1) not in (None, 255.0)
 
+    def distrust(self, reason: str) -> None:
+        """Declare the position uncertain until the arm is homed; ``reason`` is a sentence."""
+        self._lose(reason)
+
     def measure(self) -> ArmState:
         """
         Where the standing arm is.
@@ -610,8 +614,10 @@ class GrblArm:
         return state
 
     def _require_certainty(self) -> None:
-        if doubt := self.doubt:
-            raise ArmPositionError(f'position is uncertain: {doubt}; home the arm')
+        with self._changed:
+            self._raise_trouble()
+            if self._doubt:
+                raise ArmPositionError(f'position is uncertain: {self._doubt}; home the arm')
 
     def _sleep(self, seconds: float) -> None:
         self._until(lambda: False, seconds)

@@ -1,0 +1,372 @@
+"""The arm driver: column steps of the rotating arm as a service, its measured azimuth as joint."""
+
+from __future__ import annotations
+
+import math
+import queue
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.task import Future
+from rclpy.time import Time
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from panodepth_ros.arm.driver import ArmState, GrblArm
+from panodepth_ros.arm.errors import (
+    ArmConnectionError,
+    ArmError,
+    ArmStoppedError,
+    ArmTimeoutError,
+)
+from panodepth_ros.ros import qos
+from panodepth_ros.ros.parameters import declare_parameters, parameter
+from panodepth_ros.ros.process import run_node
+
+#: First and longest wait between two attempts to reopen a port that vanished [s].
+_FIRST_BACKOFF, _LONGEST_BACKOFF = 0.5, 10.0
+#: How far 360/step may be from a whole number.
+_WHOLE_TURN = 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmDriverParameters:
+    """Parameters of the arm driver."""
+
+    port: str = parameter('/dev/ttyUSB0', "Serial device of the arm's GRBL controller")
+    baud_rate: int = parameter(115200, 'Speed of the serial line', bounds=(1200, 4000000))
+    axis: str = parameter(
+        'X',
+        'Axis of the controller that turns the arm, its millimetres being degrees',
+        choices=('X', 'Y', 'Z', 'A', 'B', 'C'),
+    )
+    step_deg: float = parameter(
+        0.2,
+        'Turn of one step, a whole fraction of 360; negative is clockwise',
+        unit='°',
+        bounds=(-180.0, 180.0),
+    )
+    speed_deg_s: float = parameter(
+        30.0, "Largest speed; the controller's maximum limits it", unit='°/s', bounds=(0.1, 720.0)
+    )
+    settle_time: float = parameter(
+        0.1, 'How long the arm swings after a motion', unit='s', bounds=(0.0, 10.0)
+    )
+    status_rate: float = parameter(
+        10.0,
+        'Rate of joint states while the arm stands, and of status queries while it moves',
+        unit='Hz',
+        bounds=(0.1, 50.0),
+        live=True,
+    )
+    response_timeout: float = parameter(
+        1.0, 'Longest time for an answer of the controller', unit='s', bounds=(0.1, 60.0)
+    )
+    joint_name: str = parameter('panodepth_arm_joint', "The arm's joint in joint_states")
+
+    def __post_init__(self) -> None:
+        steps = 360.0 / self.step_deg if self.step_deg else math.inf
+        if math.isinf(steps) or abs(steps - round(steps)) > _WHOLE_TURN:
+            raise ValueError(
+                f'step_deg is {self.step_deg}: a turn of 360° would take {steps:.3f} steps; '
+                'allowed: whole fractions of 360°, such as 0.2'
+            )
+
+    @property
+    def step(self) -> float:
+        """One step [rad], exactly a whole fraction of a turn."""
+        return 2.0 * math.pi / round(360.0 / self.step_deg)
+
+
+class _Grid:
+    """Where the steps lead: to whole steps from an origin, so that no error accumulates."""
+
+    def __init__(self, step: float) -> None:
+        self._step = step
+        self._origin = 0.0
+        self._index: int | None = 0
+
+    def begin(self, azimuth: float) -> None:
+        """Let the steps count from an azimuth [rad]."""
+        self._origin = azimuth
+        self._index = 0
+
+    def lose(self) -> None:
+        """Forget the step; the next one is counted from the nearest."""
+        self._index = None
+
+    def next(self, azimuth: float) -> tuple[int, float]:
+        """Index and azimuth [rad] of the step that follows the arm's place."""
+        if self._index is None:
+            self._index = round((azimuth - self._origin) / self._step)
+        return self._index + 1, self._origin + (self._index + 1) * self._step
+
+    def reached(self, index: int) -> None:
+        """Note that the arm stands at a step."""
+        self._index = index
+
+
+class ArmDriver(Node):
+    """Drives the arm and publishes its azimuth. Topics, services and parameters: README."""
+
+    def __init__(self, **node_args: Any) -> None:
+        self._arm: GrblArm | None = None  # first: the context may destroy a half-built node
+        self._worker: threading.Thread | None = None
+        self._ending = False
+        super().__init__(
+            'arm_driver', automatically_declare_parameters_from_overrides=True, **node_args
+        )
+        self._parameters = declare_parameters(self, ArmDriverParameters, self._on_parameters)
+        self._grid = _Grid(self._parameters.step)
+        self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._running = ''  # name of the command that runs
+        self._last_state: ArmState | None = None
+        self._last_error = ''
+        self._reported = ''  # trouble that was logged
+        self._retry_at = 0.0
+        self._backoff = _FIRST_BACKOFF
+        self._joint_publisher = self.create_publisher(JointState, 'joint_states', qos.JOINT_STATES)
+        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        try:
+            self._arm = self._open()
+            self._check_step(self._arm)
+            if self._arm.doubt:
+                self.get_logger().warning(f'{self._arm.doubt}; call ~/home')
+            else:
+                self._grid.begin(self._arm.measure().azimuth)
+            group = ReentrantCallbackGroup()
+            for name, callback in (
+                ('step', self._on_step),
+                ('home', self._on_home),
+                ('stop', self._on_stop),
+            ):
+                self.create_service(Trigger, f'~/{name}', callback, callback_group=group)
+            self.create_timer(1.0, self._publish_diagnostics)
+            self._worker = threading.Thread(target=self._work, name='arm worker')
+            self._worker.start()
+        except BaseException:
+            self._close()
+            raise
+        self.get_logger().info(
+            f'arm on port {self._parameters.port} is ready; one step is '
+            f'{math.degrees(self._parameters.step):.7g}°'
+        )
+
+    def destroy_node(self) -> None:
+        """Stop the arm, close the port, end the node. Idempotent."""
+        self._close()
+        super().destroy_node()
+
+    # --- services -----------------------------------------------------------------------------
+
+    async def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return await self._run('step', self._step, response)
+
+    async def _on_home(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return await self._run('home', self._home, response)
+
+    async def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._arm is not None:
+            with suppress(ArmError):  # the job below reports it
+                self._arm.interrupt()
+        return await self._run('stop', self._stop, response)
+
+    async def _run(
+        self, name: str, command: Callable[[GrblArm], str], response: Trigger.Response
+    ) -> Trigger.Response:
+        """Have the worker execute a command; answer when it is done."""
+        if self._running and name != 'stop':
+            response.message = f'{name} refused: the arm is executing {self._running}'
+            return response
+        arm = self._arm
+        if arm is None:
+            response.message = f'{name} failed: {self._last_error}'
+            return response
+        self._running = name
+        done: Future = Future(executor=self.executor)
+
+        def job() -> None:
+            try:
+                answer = (True, command(arm))
+            except ArmError as error:
+                self._last_error = str(error)
+                answer = (False, f'{name} failed: {error}')
+            if self._running == name:
+                self._running = ''
+            done.set_result(answer)
+            executor = self.executor
+            if executor is not None:
+                with suppress(rclpy_implementation.InvalidHandle):  # it was shut down meanwhile
+                    executor.wake()
+
+        self._jobs.put(job)
+        response.success, response.message = await done
+        return response
+
+    # --- worker thread ------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        while not self._ending:
+            try:
+                job = self._jobs.get(timeout=1.0 / self._parameters.status_rate)
+            except queue.Empty:
+                self._watch()
+            else:
+                if job is not None:
+                    job()
+
+    def _step(self, arm: GrblArm) -> str:
+        here = self._last_state.azimuth if self._last_state is not None else 0.0
+        index, target = self._grid.next(here)
+        state = arm.move_to(target)
+        self._grid.reached(index)
+        return f'the arm stands at {math.degrees(state.azimuth):.3f}°'
+
+    def _home(self, arm: GrblArm) -> str:
+        self._grid.lose()
+        state = arm.home()
+        self._grid.begin(state.azimuth)
+        self._reported = ''
+        return f'the arm is home and stands at {math.degrees(state.azimuth):.3f}°'
+
+    def _stop(self, arm: GrblArm) -> str:
+        state = arm.stop()
+        if state is None:
+            return f'the arm stands, but its position is uncertain: {arm.doubt}; call ~/home'
+        return f'the arm stands at {math.degrees(state.azimuth):.3f}°'
+
+    def _watch(self) -> None:
+        """Publish where the standing arm is; notice when it is in trouble; reopen its port."""
+        arm = self._arm
+        if arm is None:
+            self._reopen()
+            return
+        try:
+            arm.measure()
+        except ArmStoppedError:
+            pass  # a stop is next in the queue
+        except (ArmConnectionError, ArmTimeoutError) as error:
+            self._arm = None
+            arm.close()
+            self._grid.lose()
+            self._backoff = _FIRST_BACKOFF
+            self._retry_at = time.monotonic() + self._backoff
+            self._report(f'{error}; trying to reopen it')
+        except ArmError as error:
+            self._report(str(error))
+        else:
+            self._reported = ''
+
+    def _reopen(self) -> None:
+        if time.monotonic() < self._retry_at:
+            return
+        try:
+            arm = self._open()
+        except ArmError as error:
+            self.get_logger().debug(f'reopening failed: {error}')
+            self._backoff = min(2.0 * self._backoff, _LONGEST_BACKOFF)
+            self._retry_at = time.monotonic() + self._backoff
+            return
+        arm.distrust(f'connection on port {arm.port} was lost meanwhile')
+        self._arm = arm
+        self._report(f'port {arm.port} is open again; the position is uncertain, call ~/home')
+
+    def _report(self, trouble: str) -> None:
+        self._last_error = trouble
+        if trouble != self._reported:
+            self._reported = trouble
+            self.get_logger().error(trouble)
+
+    # --- arm ----------------------------------------------------------------------------------
+
+    def _open(self) -> GrblArm:
+        return GrblArm(
+            self._parameters.port,
+            baud_rate=self._parameters.baud_rate,
+            axis=self._parameters.axis,
+            speed=math.radians(self._parameters.speed_deg_s),
+            settle_time=self._parameters.settle_time,
+            response_timeout=self._parameters.response_timeout,
+            status_period=1.0 / self._parameters.status_rate,
+            clock=lambda: int(self.get_clock().now().nanoseconds),
+            listener=self._publish_state,
+        )
+
+    def _check_step(self, arm: GrblArm) -> None:
+        if abs(self._parameters.step) < 0.999 * arm.motor_step:
+            raise ValueError(
+                f'step_deg is {self._parameters.step_deg}: smaller than a motor step; allowed: '
+                f'{math.degrees(arm.motor_step):.4g} and more on this arm'
+            )
+        if arm.releases_motor:
+            self.get_logger().warning(
+                'the controller releases the motor after each motion, which lets the arm move; '
+                'set $1=255 to hold it'
+            )
+
+    def _close(self) -> None:
+        self._ending = True
+        if self._arm is not None:
+            self._arm.close()
+        if self._worker is not None:
+            self._jobs.put(None)
+            self._worker.join()
+        if self._arm is not None:  # reopened by the worker meanwhile
+            self._arm.close()
+
+    def _on_parameters(self, parameters: ArmDriverParameters) -> None:
+        self._parameters = parameters
+        if self._arm is not None:
+            self._arm.status_period = 1.0 / parameters.status_rate
+
+    # --- topics -------------------------------------------------------------------------------
+
+    def _publish_state(self, state: ArmState) -> None:
+        self._last_state = state
+        message = JointState(name=[self._parameters.joint_name])
+        message.header.stamp = Time(nanoseconds=state.stamp).to_msg()
+        message.position = [state.azimuth]
+        message.velocity = [state.velocity]
+        try:
+            self._joint_publisher.publish(message)
+        except (rclpy_implementation.RCLError, rclpy_implementation.InvalidHandle):
+            if self.context.ok():  # else the process is ending while the arm brakes
+                raise
+
+    def _publish_diagnostics(self) -> None:
+        arm, state = self._arm, self._last_state
+        if arm is None:
+            level, summary = DiagnosticStatus.ERROR, 'disconnected'
+        elif arm.doubt:
+            level, summary = DiagnosticStatus.ERROR, f'position uncertain: {arm.doubt}'
+        elif self._reported:
+            level, summary = DiagnosticStatus.WARN, self._reported
+        else:
+            level, summary = DiagnosticStatus.OK, self._running or 'standing'
+        known = state is not None and level == DiagnosticStatus.OK
+        status = DiagnosticStatus(level=level, name='arm_driver: arm', message=summary)
+        status.hardware_id = self._parameters.port
+        status.values = [
+            KeyValue(key='port', value=self._parameters.port),
+            KeyValue(
+                key='position_deg',
+                value=f'{math.degrees(state.azimuth):.3f}' if known and state else 'unknown',
+            ),
+            KeyValue(key='last_error', value=self._last_error),
+        ]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics_publisher.publish(message)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the arm driver; see :func:`panodepth_ros.ros.process.run_node`."""
+    return run_node('arm_driver', ArmDriver, args)
