@@ -1,0 +1,219 @@
+"""The depth node: a pair with known distance in, depth and scan out; bad pairs refused."""
+
+import math
+
+import numpy as np
+import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, Image, LaserScan
+from std_msgs.msg import Header
+
+from panodepth_ros.geometry import PanoramaGeometry
+from panodepth_ros.nodes.depth import Depth
+from panodepth_ros.ros.images import to_array, to_message
+from panodepth_ros.ros.messages import panorama_info, to_stamp
+from panodepth_ros.ros.parameters import ParameterError
+
+pytestmark = pytest.mark.ros
+
+COLUMNS, ROWS = 360, 24
+STEP = 2 * math.pi / COLUMNS
+R, PHI, DISPARITY = 0.3, math.radians(15.2), 26
+#: Eq. 2 for a cylinder wall around the axis at 26 columns of disparity.
+DISTANCE = R * math.sin(PHI) / math.sin(PHI - DISPARITY * STEP / 2)
+
+
+def geometry(angle, columns=COLUMNS, seen=None):
+    ray_angle = np.full(columns, angle)
+    if seen is not None:
+        ray_angle[~seen] = np.nan
+    return PanoramaGeometry(
+        columns=columns,
+        rows=ROWS,
+        azimuth_column=columns / 2 + angle / STEP,
+        focal_length_px=100.0,
+        principal_row=11.5,
+        arm_radius=R,
+        principal_angle=angle,
+        sweep_duration=12.5,
+        ray_angle=ray_angle,
+    )
+
+
+class Bench:
+    """A depth node, a publisher of panoramas, and a listener."""
+
+    def __init__(self, ros, **values):
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
+        self.ros = ros
+        self.depth = ros.add(Depth(context=ros.context, parameter_overrides=overrides))
+        self.node = ros.node('panoramas')
+        self.got = {'depth/image': [], 'depth/confidence': [], 'depth/camera_info': [], 'scan': []}
+        for topic, messages in self.got.items():
+            kind = {'scan': LaserScan, 'depth/camera_info': CameraInfo}.get(topic, Image)
+            self.node.create_subscription(kind, topic, messages.append, 10)
+        self.out = {
+            topic: self.node.create_publisher(kind, topic, 10)
+            for eye in ('left', 'right')
+            for topic, kind in ((f'{eye}/image', Image), (f'{eye}/camera_info', CameraInfo))
+        }
+        ros.spin_until(
+            lambda: (
+                all(publisher.get_subscription_count() for publisher in self.out.values())
+                and all(self.depth.count_subscribers(topic) for topic in self.got)
+            ),
+            'the graph',
+        )
+
+    def send(self, stamp=1, *, seen=None, shift=DISPARITY, **change):
+        rng = np.random.default_rng(3)
+        wall = rng.integers(0, 255, (ROWS, COLUMNS), dtype=np.uint8)
+        header = Header(stamp=to_stamp(stamp * 10**9), frame_id='panodepth')
+        messages = {}
+        for eye, sign, image in (('left', -1, wall), ('right', 1, np.roll(wall, shift, axis=1))):
+            messages[f'{eye}/image'] = to_message(
+                image, 'mono8', stamp=header.stamp, frame_id=header.frame_id
+            )
+            messages[f'{eye}/camera_info'] = panorama_info(geometry(sign * PHI, seen=seen), header)
+        messages |= change
+        for topic, message in messages.items():
+            if message is not None:
+                self.out[topic].publish(message)
+
+    def results(self, count=1):
+        self.ros.spin_until(
+            lambda: all(len(messages) >= count for messages in self.got.values()), 'depth and scan'
+        )
+        return {topic: messages[count - 1] for topic, messages in self.got.items()}
+
+    def set(self, **values):
+        client = self.node.create_client(SetParameters, 'depth/set_parameters')
+        self.ros.spin_until(client.service_is_ready, 'set_parameters')
+        messages = [Parameter(n, value=value).to_parameter_msg() for n, value in values.items()]
+        request = SetParameters.Request(parameters=messages)
+        (result,) = self.ros.result(client.call_async(request)).results
+        return result
+
+
+def test_wall_of_known_distance(ros):
+    bench = Bench(ros, beams=180)
+    bench.send()
+    got = bench.results()
+    depth = to_array(got['depth/image'])
+    assert got['depth/image'].encoding == '32FC1'
+    assert depth.shape == (ROWS, COLUMNS)
+    assert np.nanmedian(depth) == pytest.approx(DISTANCE, rel=2e-3)
+    assert np.isfinite(depth).mean() > 0.9
+    confidence = to_array(got['depth/confidence'])
+    assert np.nanmax(confidence) <= 1.0
+    assert np.nanmedian(confidence) > 0.9
+    scan = got['scan']
+    assert len(scan.ranges) == 180
+    assert np.nanmedian(scan.ranges) == pytest.approx(DISTANCE, rel=2e-3)
+    assert np.isfinite(scan.ranges).mean() > 0.95
+    assert scan.scan_time == 12.5
+    for message in got.values():
+        assert message.header == Header(stamp=to_stamp(10**9), frame_id='panodepth')
+    assert got['depth/camera_info'].distortion_model == 'cylindrical'
+
+
+def test_unseen_sector_is_unknown_in_depth_and_scan(ros):
+    bench = Bench(ros, beams=180)
+    seen = np.ones(COLUMNS, bool)
+    seen[: COLUMNS // 2] = False
+    bench.send(seen=seen)
+    got = bench.results()
+    assert np.isnan(to_array(got['depth/image'])[:, : COLUMNS // 2]).all()
+    # Columns run clockwise from behind: the first half is the left, positive azimuth.
+    ranges = np.array(got['scan'].ranges)
+    assert np.isnan(ranges[110:170]).all()
+    assert np.isfinite(ranges[20:70]).any()
+
+
+def test_far_wall_is_infinite_and_near_wall_minus_infinite(ros):
+    bench = Bench(ros, range_min=2.0, range_max=3.0)
+    bench.send(shift=29)
+    assert np.isposinf(bench.results()['scan'].ranges).sum() > 300
+    bench.send(stamp=2, shift=5)
+    assert np.isneginf(bench.results(2)['scan'].ranges).sum() > 300
+
+
+def test_live_parameters_act_on_the_next_pair(ros):
+    bench = Bench(ros)
+    bench.send()
+    assert np.isfinite(to_array(bench.results()['depth/image'])).any()
+    assert bench.set(method='sgbm').successful
+    bench.send(stamp=2)
+    second = to_array(bench.results(2)['depth/image'])
+    assert np.nanmedian(second) == pytest.approx(DISTANCE, rel=0.02)
+
+
+def test_contradictory_live_parameter_is_refused(ros):
+    result = Bench(ros).set(min_height=0.5)
+    assert not result.successful
+    assert (
+        result.reason
+        == 'min_height is 0.5 m and max_height 0.15 m; allowed: min_height < max_height'
+    )
+
+
+def test_what_consumers_remember_cannot_be_set_live(ros):
+    bench = Bench(ros)
+    for name, value in (('beams', 360), ('range_max', 5.0), ('range_min', 0.2)):
+        assert not bench.set(**{name: value}).successful
+
+
+@pytest.mark.parametrize(
+    ('values', 'sentence'),
+    [
+        ({'method': 'guess'}, "method is 'guess'; allowed: "),
+        ({'range_min': 9.0}, 'range_min is 9.0 m and range_max 8.0 m'),
+        ({'beams': 59}, 'beams is 59; allowed: 60 to 7200'),
+    ],
+)
+def test_bad_parameter_stops_the_start_with_a_sentence(ros, values, sentence):
+    with pytest.raises(ParameterError) as error:
+        Bench(ros, **values)
+    assert sentence in str(error.value)
+
+
+def _plain_info():
+    return CameraInfo(width=COLUMNS, height=ROWS, distortion_model='plumb_bob')
+
+
+def _short_image():
+    return to_message(np.zeros((ROWS - 1, COLUMNS), np.uint8), 'mono8')
+
+
+def _other_size():
+    return panorama_info(geometry(PHI, columns=720), Header())
+
+
+@pytest.mark.parametrize(
+    ('topic', 'make', 'sentence'),
+    [
+        ('right/camera_info', _plain_info, "distortion_model 'plumb_bob'"),
+        ('right/image', _short_image, 'panorama image is uint8 of shape (23, 360)'),
+        ('right/camera_info', _other_size, 'panorama image is uint8 of shape (24, 360)'),
+        ('right/camera_info', lambda: panorama_info(geometry(-PHI), Header()), 'principal_angle'),
+    ],
+)
+def test_bad_pair_is_refused_and_the_next_good_one_served(ros, capfd, topic, make, sentence):
+    bench = Bench(ros)
+    message = make()
+    message.header = Header(stamp=to_stamp(10**9), frame_id='panodepth')
+    bench.send(stamp=1, **{topic: message})
+    bench.send(stamp=2)
+    got = bench.results()
+    assert [m.header.stamp.sec for m in bench.got['scan']] == [2]
+    assert got['depth/image'].header.stamp.sec == 2
+    assert sentence in capfd.readouterr().err
+
+
+def test_messages_of_different_stamps_are_not_mixed(ros):
+    bench = Bench(ros)
+    bench.send(stamp=1, **{'right/image': None})
+    bench.send(stamp=2)
+    assert bench.results()['scan'].header.stamp.sec == 2
+    assert len(bench.got['scan']) == 1
