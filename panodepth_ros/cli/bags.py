@@ -1,0 +1,48 @@
+"""What ``record`` and ``replay`` share."""
+
+from __future__ import annotations
+
+import importlib
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from panodepth_ros.bag import BagError
+
+
+def run_until_stopped(module: str, work: Callable[[Any, threading.Event], str]) -> int:
+    """
+    Do work that SIGINT and SIGTERM stop; say how it ended.
+
+    Parameters
+    ----------
+    module : str
+        Module of :mod:`panodepth_ros.bag` that the work needs; it needs ROS.
+    work : callable
+        Takes the module and the event that the signals set; returns a sentence to print.
+
+    Returns
+    -------
+    int
+        0, or 1 if the work failed; then one sentence on standard error says why.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    try:
+        print(work(importlib.import_module(f'panodepth_ros.bag.{module}'), stop), flush=True)
+    except BagError as error:
+        print(f'panodepth_ros: {error}', file=sys.stderr)
+        return 1
+    except ModuleNotFoundError as error:
+        if error.name != 'rclpy':
+            raise
+        print(
+            'panodepth_ros: ROS 2 is missing (rclpy cannot be imported); source your '
+            'installation, or pip install "panodepth_ros[jazzy]" or "[kilted]"',
+            file=sys.stderr,
+        )
+        return 1
+    return 0
