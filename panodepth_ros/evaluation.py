@@ -168,3 +168,42 @@ def score_depth(
         wrong=float(np.mean(columns_off > 1)),
         median_error=float(np.median(np.abs(measured / true - 1))),
     )
+
+
+def nearest_visible(
+    distance: Array,
+    ray_azimuth: Array,
+    height: Array,
+    visible: npt.NDArray[np.bool_],
+    *,
+    signed_radius: float,
+    band: tuple[float, float],
+    beams: int,
+) -> Array:
+    """
+    True ranges of a scan: the nearest surface that a panorama can show in a height band.
+
+    Parameters
+    ----------
+    distance, height : ndarray of float64, shape (H, W)
+        True radial distance and height of what each pixel looks at [m].
+    ray_azimuth : ndarray of float64, shape (W,)
+        Where each column looks [rad].
+    visible : ndarray of bool, shape (H, W)
+        Pixels whose point the other eye sees, too.
+    signed_radius : float
+        r·sin ψ of the panorama's rays [m], negative for the left eye.
+    band : (float, float)
+        Lowest and highest height [m].
+    beams : int
+        Beams of the scan.
+
+    Returns
+    -------
+    ndarray of float64, shape (beams,)
+        NaN where nothing is visible in the band.
+    """
+    azimuth = ray_azimuth[np.newaxis, :] - np.arcsin(signed_radius / distance)
+    azimuth = (azimuth + np.pi) % (2 * np.pi) - np.pi
+    use = visible & (height >= band[0]) & (height <= band[1])
+    return nearest_in_beams(distance[use], azimuth[use], beams)

@@ -11,14 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 mpl.use('Agg')
-from matplotlib import pyplot as plt  # noqa: E402 - the backend must be chosen first
+from matplotlib import pyplot as plt
 
 #: Colour of what is unknown.
 _UNKNOWN = '0.15'
 
 
 def _panorama(
-    values: npt.NDArray[np.floating[Any]], path: Path, label: str, low: float, high: float, map_: str
+    values: npt.NDArray[np.floating[Any]],
+    path: Path,
+    label: str,
+    low: float,
+    high: float,
+    map_: str,
 ) -> None:
     colours = mpl.colormaps[map_].with_extremes(bad=_UNKNOWN)
     figure, axes = plt.subplots(figsize=(18, 2.6), layout='constrained')

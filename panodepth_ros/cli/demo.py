@@ -1,0 +1,261 @@
+"""``panodepth_ros demo``: a full turn of a simulated rig, from the motor to the scan."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import random
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rcl_interfaces.srv import GetParameters
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from sensor_msgs.msg import CameraInfo, Image, LaserScan
+from std_msgs.msg import Float32
+from std_srvs.srv import Trigger
+
+from panodepth_ros.cli.demo_report import report
+from panodepth_ros.cli.processes import ProcessError, Processes
+
+#: Topics that make the bag of the run.
+TOPICS = (
+    'image_raw',
+    'camera_info',
+    'joint_states',
+    'left/image',
+    'left/camera_info',
+    'right/image',
+    'right/camera_info',
+    'center/image',
+    'center/camera_info',
+    'depth/image',
+    'depth/confidence',
+    'depth/camera_info',
+    'scan',
+)
+_RESULTS = {
+    'left/image': Image,
+    'left/camera_info': CameraInfo,
+    'right/image': Image,
+    'right/camera_info': CameraInfo,
+    'depth/image': Image,
+    'depth/confidence': Image,
+    'scan': LaserScan,
+}
+_START_TIMEOUT = 60.0
+_STALL_TIMEOUT = 30.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument(
+        '--params-file',
+        type=Path,
+        metavar='YAML',
+        help='parameters of the four nodes (default: those of config/simulated.yaml)',
+    )
+    parser.add_argument(
+        '--output', type=Path, default=Path('demo_output'), help='folder to write (%(default)s)'
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the demo; return the exit code."""
+    parameters = arguments.params_file or installed_config('simulated.yaml')
+    if not parameters.is_file():
+        print(f'panodepth_ros demo: {parameters} is not a file', file=sys.stderr)
+        return 1
+    output: Path = arguments.output
+    output.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(output / 'bag', ignore_errors=True)
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_DOMAIN_ID', str(random.randint(1, 101)))
+    logs = output / 'log'
+    logs.mkdir(exist_ok=True)
+    os.environ['ROS_LOG_DIR'] = str(logs.resolve())
+    try:
+        sweep = _sweep(parameters.resolve(), output, Processes(logs))
+    except ProcessError as error:
+        print(f'\npanodepth_ros demo: {error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print('\npanodepth_ros demo: interrupted', file=sys.stderr)
+        return 130
+    report(
+        sweep.results,
+        output,
+        room_seed=sweep.parameters['room_seed'],
+        band=(sweep.parameters['min_height'], sweep.parameters['max_height']),
+    )
+    return 0
+
+
+def installed_config(name: str) -> Path:
+    """Return a shipped parameter file: of the source tree, or of the installation."""
+    here = Path(__file__).resolve()
+    source_tree = here.parents[2] / 'config' / name
+    if source_tree.is_file():
+        return source_tree
+    for prefix in (*here.parents, Path(sys.prefix)):
+        installed = prefix / 'share' / 'panodepth_ros' / 'config' / name
+        if installed.is_file():
+            return installed
+    return source_tree
+
+
+def _sweep(parameters: Path, output: Path, processes: Processes) -> _Sweep:
+    """Run the graph for one sweep and return what came of it."""
+    with tempfile.TemporaryDirectory(prefix='panodepth_ros-') as directory:
+        link = str(Path(directory, 'arm'))
+        ros_arguments = ['--ros-args', '--params-file', str(parameters)]
+        try:
+            processes.start('simulated_arm', 'panodepth_ros.cli.simulated_arm', ['--link', link])
+            _wait(Path(link).exists, processes, 'the simulated arm')
+            for node, own in (
+                ('arm_driver', ['-p', f'port:={link}']),
+                ('camera', ['-p', f'simulated_arm_truth:={link}.truth']),
+                ('mosaicer', []),
+                ('depth', []),
+            ):
+                processes.start(node, f'panodepth_ros.nodes.{node}', [*ros_arguments, *own])
+            processes.start(
+                'record',
+                'panodepth_ros.cli.main',
+                ['record', '--output', str(output / 'bag'), *(f'/{topic}' for topic in TOPICS)],
+            )
+            rclpy.init(args=[])
+            try:
+                sweep = _Sweep(processes)
+                sweep.run()
+            finally:
+                rclpy.try_shutdown()
+        except BaseException:
+            try:
+                processes.stop()
+            except ProcessError as error:
+                print(f'\n{error}', file=sys.stderr)
+            raise
+        processes.stop()
+    return sweep
+
+
+def _wait(condition: Callable[[], Any], processes: Processes, what: str) -> None:
+    """Wait for something outside of ROS."""
+    deadline = time.monotonic() + _START_TIMEOUT
+    while not condition():
+        processes.check()
+        if time.monotonic() > deadline:
+            raise ProcessError(f'{what} did not come within {_START_TIMEOUT:g} s')
+        time.sleep(0.02)
+
+
+class _Sweep:
+    """
+    One sweep as a client of the graph sees it.
+
+    Attributes
+    ----------
+    results : dict
+        The last message of each topic of a result.
+    parameters : dict
+        What the report needs to know of the nodes' parameters.
+    """
+
+    def __init__(self, processes: Processes) -> None:
+        self.results: dict[str, Any] = {}
+        self.parameters: dict[str, Any] = {}
+        self._processes = processes
+        self._node: Node = rclpy.create_node('demo')
+        self._progress = 0.0
+        for topic, kind in _RESULTS.items():
+            self._node.create_subscription(
+                kind, topic, lambda message, topic=topic: self.results.update({topic: message}), 10
+            )
+        self._node.create_subscription(Float32, 'mosaicer/progress', self._on_progress, 100)
+
+    def _on_progress(self, message: Float32) -> None:
+        self._progress = message.data
+
+    def run(self) -> None:
+        """
+        Start the sweep, show its progress, collect the results.
+
+        Raises
+        ------
+        ProcessError
+            If the graph does not come up, a process ends or the sweep is given up.
+        """
+        print('starting the nodes', flush=True)
+        # The recorder listens to all of these, this node to the results, the graph to the rest.
+        listeners = {'image_raw': 2, 'joint_states': 2, 'left/image': 3, 'scan': 2}
+        self._until(
+            lambda: all(self._node.count_subscribers(name) >= n for name, n in listeners.items()),
+            'the graph',
+        )
+        self._ask_parameters('camera', ['room_seed'])
+        self._ask_parameters('depth', ['min_height', 'max_height'])
+        self._start()
+        began = time.monotonic()
+        shown, moved = -1.0, began
+        while len(self.results) < len(_RESULTS):
+            self._spin()
+            now = time.monotonic()
+            if self._progress < shown:
+                raise ProcessError('the mosaicer gave the sweep up; its log says why')
+            if self._progress > shown:
+                _show_progress(shown, self._progress, now - began)
+                shown, moved = self._progress, now
+            elif now - moved > _STALL_TIMEOUT:
+                raise ProcessError(f'nothing came for {_STALL_TIMEOUT:g} s; the logs say why')
+        print(f'\nsweep, matching and scan took {time.monotonic() - began:.1f} s', flush=True)
+
+    def _start(self) -> None:
+        client = self._node.create_client(Trigger, 'mosaicer/start')
+        self._until(client.service_is_ready, 'the service mosaicer/start')
+        deadline = time.monotonic() + _START_TIMEOUT
+        while not (answer := self._call(client, Trigger.Request())).success:
+            if time.monotonic() > deadline:
+                raise ProcessError(f'the mosaicer does not start: {answer.message}')
+            self._spin()
+
+    def _ask_parameters(self, node: str, names: list[str]) -> None:
+        client = self._node.create_client(GetParameters, f'{node}/get_parameters')
+        self._until(client.service_is_ready, f'the parameters of {node}')
+        values = self._call(client, GetParameters.Request(names=names)).values
+        found = (parameter_value_to_python(value) for value in values)
+        self.parameters.update(zip(names, found, strict=True))
+
+    def _call(self, client: Any, request: Any) -> Any:
+        future = client.call_async(request)
+        self._until(future.done, f'the answer of {client.srv_name}')
+        return future.result()
+
+    def _until(self, condition: Callable[[], Any], what: str) -> None:
+        deadline = time.monotonic() + _START_TIMEOUT
+        while not condition():
+            if time.monotonic() > deadline:
+                raise ProcessError(f'{what} did not come within {_START_TIMEOUT:g} s')
+            self._spin()
+
+    def _spin(self) -> None:
+        self._processes.check()
+        rclpy.spin_once(self._node, timeout_sec=0.05)
+
+
+def _show_progress(before: float, share: float, elapsed: float) -> None:
+    """Print a bar with the time left; on a pipe, a line each tenth."""
+    left = f'{elapsed / share * (1 - share):4.0f} s left' if share > 0 else ''
+    width = 40
+    bar = '█' * round(share * width) + '░' * (width - round(share * width))
+    if sys.stdout.isatty():
+        print(f'\r{bar} {share:4.0%} {left} ', end='', flush=True)
+    elif math.floor(share * 10) > math.floor(before * 10):
+        print(f'{bar} {share:4.0%} {left}', flush=True)
