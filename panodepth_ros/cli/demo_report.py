@@ -1,4 +1,4 @@
-"""What the demo shows of its results: pictures, accuracy against the true room, the scan as JSON."""
+"""What the demo shows of its results: pictures, accuracy, the scan as JSON."""
 
 from __future__ import annotations
 
