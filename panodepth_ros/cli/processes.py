@@ -68,7 +68,7 @@ class Processes:
             If one did not end with code 0.
         """
         faults = []
-        for name, process in reversed(self._running.items()):
+        for process in reversed(self._running.values()):
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)
         deadline = time.monotonic() + _STOP_TIMEOUT
@@ -85,6 +85,5 @@ class Processes:
             raise ProcessError('\n'.join(faults))
 
     def _tail(self, name: str) -> str:
-        return '\n'.join(
-            (self._logs / f'{name}.log').read_text(errors='replace').splitlines()[-12:]
-        )
+        text = (self._logs / f'{name}.log').read_text(errors='replace')
+        return '\n'.join(text.splitlines()[-12:])

@@ -1,0 +1,43 @@
+"""Write the nodes' parameter tables into README.md, between their markers."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from panodepth_ros.nodes.arm_driver import ArmDriverParameters
+from panodepth_ros.nodes.camera import CameraParameters
+from panodepth_ros.nodes.depth import DepthParameters
+from panodepth_ros.nodes.mosaicer import MosaicerParameters
+from panodepth_ros.ros.parameters import markdown_table
+
+README = Path(__file__).resolve().parents[1] / 'README.md'
+TABLES = {
+    'arm_driver': ArmDriverParameters,
+    'camera': CameraParameters,
+    'mosaicer': MosaicerParameters,
+    'depth': DepthParameters,
+}
+
+
+def with_tables(text: str) -> str:
+    """
+    Return a document with its parameter tables brought up to date.
+
+    Raises
+    ------
+    ValueError
+        If the markers of a node are missing.
+    """
+    for node, table in TABLES.items():
+        begin, end = f'<!-- parameters of {node} -->', f'<!-- end of {node} -->'
+        pattern = re.compile(f'({re.escape(begin)}\n).*?({re.escape(end)})', re.DOTALL)
+        rows = markdown_table(table)
+        text, count = pattern.subn(lambda m, rows=rows: f'{m[1]}{rows}\n{m[2]}', text)
+        if count != 1:
+            raise ValueError(f'README has {count} places for the parameters of {node}; allowed: 1')
+    return text
+
+
+if __name__ == '__main__':
+    README.write_text(with_tables(README.read_text()))
