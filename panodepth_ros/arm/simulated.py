@@ -146,9 +146,10 @@ class SimulatedController:
                 grbl.JOG_CANCEL,
             ):
                 self._real_time(byte, now)
-            elif value < 0x80 and len(self._received) < _RX_BUFFER:
+            elif value < 0x80:
                 self._received.append(value)
         self._run(now)
+        del self._received[_RX_BUFFER:]
 
     def advance(self, now: float) -> None:
         """Let everything happen that is due at the time ``now`` [s]."""

@@ -29,7 +29,8 @@ class SimulatedArm:
     Serves one controller on one pseudo-terminal, linked at a path, and publishes its truth.
 
     Opening the port powers the controller up anew, as the DTR line does on most boards: the
-    banner comes after the boot time and the count starts at 0 wherever the arm stands.
+    banner comes after the boot time and the count starts at 0 wherever the arm stands. A port
+    that is opened again in the same instant in which it was closed passes for never closed.
 
     Parameters
     ----------
@@ -68,6 +69,7 @@ class SimulatedArm:
         os.close(terminal)  # from now on the master sees whether somebody has the port open
         self._wake, self._waker = os.pipe()
         self._open = False
+        self._stopping = False
         self._closed = False
         self._poll = select.poll()
         self._poll.register(self._wake, select.POLLIN)
@@ -94,6 +96,8 @@ class SimulatedArm:
         while True:
             events = dict(self._poll.poll(self._patience()))
             if self._wake in events:
+                os.read(self._wake, 64)
+            if self._stopping:
                 return
             now = time.monotonic()
             is_open = not events.get(self._master, 0) & select.POLLHUP
@@ -118,7 +122,12 @@ class SimulatedArm:
 
     def stop(self) -> None:
         """Make :meth:`run` return; callable from any thread and from a signal handler."""
-        os.write(self._waker, b'x')
+        self._stopping = True
+        self.wake()
+
+    def wake(self) -> None:
+        """Make :meth:`run` look at the controller, after it was changed from outside."""
+        os.write(self._waker, b'.')
 
     def close(self) -> None:
         """Take the port away, as unplugging it does, and remove link and truth. Idempotent."""
@@ -132,6 +141,8 @@ class SimulatedArm:
         self._truth.close()
 
     def _patience(self) -> float | None:  # [ms]
+        if not self._open:
+            return 0.0  # being opened is no event
         due = self.controller.next_event()
         if due == math.inf:
             return None
