@@ -13,8 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from panodepth_ros import plots
-from panodepth_ros.camera.simulated.room import Room, furnished_room
-from panodepth_ros.camera.simulated.truth import TruthPanorama, truth_panorama
+from panodepth_ros.camera.simulated import (
+    Room,
+    TruthPanorama,
+    furnished_room,
+    truth_panorama,
+)
 from panodepth_ros.evaluation import (
     DepthScore,
     ScanScore,
