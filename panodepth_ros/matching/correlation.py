@@ -11,22 +11,24 @@ bits. Rows outside the image do not count: windows are clipped at the top and at
 Columns that were not seen on either panorama do not count either; a window needs both centres
 and more than half of its columns.
 
-Loops run over candidates inside, columns next, rows outside. ``column_sums`` holds Σlr of each
-window column for all candidates; a row adds the products that come in below and takes away
-those that leave above. Score and candidate share one integer, so that one maximum serves as
+Loops run over candidates inside, columns next, rows outside. The column sums hold Σlr of single
+window columns for all candidates: going down a row adds the products that come in below and
+takes away those that leave above, going right adds the column sum that enters the window and
+takes away the one that leaves. Score and candidate share one integer, so that one maximum gives
 the best candidate of a left and, with the same numbers, of a right pixel.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import float32, int16, int32
+from numba import float32, int32
 
 from panodepth_ros.matching.compiled import kernel
 from panodepth_ros.matching.interface import WINDOW_HALF_WIDTH, GreyPair
+from panodepth_ros.matching.simd import LANES, load, splat, store, widen
 
 Int16Array = npt.NDArray[np.int16]
 Int32Array = npt.NDArray[np.int32]
@@ -36,16 +38,13 @@ N = WINDOW_HALF_WIDTH
 WIDTH = 2 * N + 1
 #: Columns of a tile; its column sums stay in the second-level cache.
 TILE_COLUMNS = 128
-#: Candidates are padded to a multiple of this, whole vector registers.
-LANES = 32
 #: Score of ρ = 1 with the candidate's number below it; leaves a bit of room in 32 bits.
 SCORE_BITS = 29
 #: A window needs this many seen columns.
 MINIMAL_COLUMNS = N + 1
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class PaddedPair:
+class PaddedPair(NamedTuple):
     """
     Grey levels with borders, so that kernels need no case distinctions.
 
@@ -55,31 +54,42 @@ class PaddedPair:
         Centred grey levels, 0 outside the image and where unseen; wraps around. Row y of the
         image is row y + n + 1, column x is column x + n.
     right : ndarray of int16, shape (H + 2n + 2, W + M + 2n)
-        The same; column x + d of ``right`` is what candidate number d compares with column x of
-        ``left``.
+        The same; candidate number d compares column x of ``left`` with column x + d.
     left_seen, right_seen : ndarray of int32, shapes (W + 2n,) and (W + M + 2n,)
         1 where seen, else 0.
-    first, candidates, lanes : int
-        Smallest disparity, number of disparities, the same padded to whole vectors (M).
+    codes : ndarray of int32, shape (M,)
+        What is added to a shifted score so that it names its candidate. Of equal scores the
+        smallest disparity wins; numbers that only fill up a vector can never win.
+    shift : int
+        Bits that a candidate's number takes below a score.
+    first, candidates : int
+        Smallest disparity and number of disparities; M is that number in whole vectors.
     """
 
     left: Int16Array
     right: Int16Array
     left_seen: Int32Array
     right_seen: Int32Array
+    codes: Int32Array
+    shift: int
     first: int
     candidates: int
-    lanes: int
 
-    @property
-    def rows(self) -> int:
-        """H."""
-        return int(self.left.shape[0]) - WIDTH - 1
 
-    @property
-    def columns(self) -> int:
-        """W."""
-        return int(self.left.shape[1]) - WIDTH + 1
+class Windows(NamedTuple):
+    """
+    What windows know alone.
+
+    Attributes
+    ----------
+    totals : ndarray of int32, shape (rows, columns)
+        Σv.
+    inverses : ndarray of float32, shape (rows, columns)
+        1/√(N·Σv² − (Σv)²), 0 without texture.
+    """
+
+    totals: Int32Array
+    inverses: Float32Array
 
 
 def pad(pair: GreyPair) -> PaddedPair:
@@ -94,9 +104,10 @@ def pad(pair: GreyPair) -> PaddedPair:
         right=_centred(pair.right, pair.right_seen, right_columns),
         left_seen=pair.left_seen[left_columns].astype(np.int32),
         right_seen=pair.right_seen[right_columns].astype(np.int32),
+        codes=_codes(candidates, lanes),
+        shift=(lanes - 1).bit_length(),
         first=pair.first,
         candidates=candidates,
-        lanes=lanes,
     )
 
 
@@ -111,13 +122,7 @@ def _centred(
     return centred
 
 
-def candidate_codes(candidates: int, lanes: int) -> Int32Array:
-    """
-    What is added to a shifted score so that it names its candidate.
-
-    The code of candidate number d is lanes − 1 − d: of equal scores the smallest disparity
-    wins. Candidates that only fill up a vector can never win.
-    """
+def _codes(candidates: int, lanes: int) -> Int32Array:
     codes = np.arange(lanes - 1, -1, -1, dtype=np.int32)
     codes[candidates:] = -(2**30)
     return codes
@@ -127,9 +132,8 @@ def candidate_codes(candidates: int, lanes: int) -> Int32Array:
 def inverse_deviation(count: int, total: int, squares: int) -> float:
     """1/√(N·Σv² − (Σv)²), 0 for a window without texture."""
     variance = count * squares - total * total
-    if variance <= 0:
-        return float32(0)  # type: ignore[no-any-return]  # numba's types are not typed
-    return float32(1 / np.sqrt(np.float64(variance)))  # type: ignore[no-any-return]  # as above
+    inverse: float = float32(1) / np.sqrt(float32(variance)) if variance > 0 else float32(0)
+    return inverse
 
 
 @kernel
@@ -139,91 +143,105 @@ def clipped_rows(row: int, rows: int) -> int:
 
 
 @kernel
-def move_down(padded: Int16Array, row: int, totals: Int32Array, squares: Int32Array) -> None:
-    """Move the column sums Σv and Σv², shape (columns,), from the window of row − 1 to row."""
-    for x in range(padded.shape[1]):
-        new, old = int32(padded[row + WIDTH, x]), int32(padded[row, x])
+def window_statistics(
+    padded: Int16Array, start: int, stop: int, first: int, columns: int
+) -> Windows:
+    """
+    Statistics of the windows on the rows start … stop − 1, columns first … first + columns − 1.
+
+    Columns count whether seen or not: where a window touches an unseen column the values are
+    meaningless.
+    """
+    rows, end = padded.shape[0] - WIDTH - 1, first + columns + 2 * N
+    totals = np.empty((stop - start, columns), np.int32)
+    inverses = np.empty((stop - start, columns), np.float32)
+    column_totals = np.zeros(columns + 2 * N, np.int32)
+    column_squares = np.zeros(columns + 2 * N, np.int32)
+    squares = np.empty(columns, np.int32)
+    nothing = padded[0, first:end]
+    for row in range(start, start + WIDTH):
+        _move_down(padded[row, first:end], nothing, column_totals, column_squares)
+    for y in range(start, stop):
+        below, above = padded[y + WIDTH, first:end], padded[y, first:end]
+        _move_down(below, above, column_totals, column_squares)
+        _sum_windows(column_totals, totals[y - start])
+        _sum_windows(column_squares, squares)
+        count = int32(WIDTH * clipped_rows(y, rows))
+        _invert(count, totals[y - start], squares, inverses[y - start])
+    return Windows(totals, inverses)
+
+
+@kernel
+def _move_down(
+    below: Int16Array, above: Int16Array, totals: Int32Array, squares: Int32Array
+) -> None:
+    """Add a row to the column sums Σv and Σv², take another one away."""
+    for x in range(below.size):
+        new, old = int32(below[x]), int32(above[x])
         totals[x] += new - old
         squares[x] += new * new - old * old
 
 
 @kernel
-def window_statistics(
-    padded: Int16Array, rows: int, start: int, stop: int
-) -> tuple[Int32Array, Float32Array]:
-    """
-    Σv and 1/√(N·Σv² − (Σv)²) of all windows on the rows start … stop − 1.
-
-    Columns count whether seen or not: where a window touches an unseen column the values are
-    meaningless, and ``score_masked`` does without them.
-    """
-    columns = padded.shape[1] - 2 * N
-    totals = np.empty((stop - start, columns), np.int32)
-    inverses = np.empty((stop - start, columns), np.float32)
-    column_totals = np.zeros(padded.shape[1], np.int32)
-    column_squares = np.zeros(padded.shape[1], np.int32)
-    for y in range(start, start + WIDTH):
-        for x in range(padded.shape[1]):
-            value = int32(padded[y, x])
-            column_totals[x] += value
-            column_squares[x] += value * value
-    for y in range(start, stop):
-        move_down(padded, y, column_totals, column_squares)
-        count = WIDTH * clipped_rows(y, rows)
-        total, squares = int32(0), int32(0)
-        for x in range(2 * N):
-            total += column_totals[x]
-            squares += column_squares[x]
-        for x in range(columns):
-            total += column_totals[x + 2 * N]
-            squares += column_squares[x + 2 * N]
-            totals[y - start, x] = total
-            inverses[y - start, x] = inverse_deviation(count, total, squares)
-            total -= column_totals[x]
-            squares -= column_squares[x]
-    return totals, inverses
+def _sum_windows(columns: Int32Array, windows: Int32Array) -> None:
+    """Sums over 2n + 1 neighbours."""
+    total = int32(0)
+    for x in range(2 * N):
+        total += columns[x]
+    for x in range(windows.size):
+        total += columns[x + 2 * N]
+        windows[x] = total
+        total -= columns[x]
 
 
 @kernel
-def add_products(
-    sums: Int32Array, at: int, new: int, below: int, old: int, above: int,
-    right: Int16Array, lanes: int,
+def _invert(count: int, totals: Int32Array, squares: Int32Array, inverses: Float32Array) -> None:
+    """Write 1/√(N·Σv² − (Σv)²) of a row."""
+    for x in range(totals.size):
+        inverses[x] = inverse_deviation(count, totals[x], squares[x])
+
+
+@kernel
+def add_row(
+    sums: Int32Array, left: Int16Array, right: Int16Array, below: int, above: int,
+    tile: int, width: int, lanes: int,
 ) -> None:  # fmt: skip
-    """Move one window column down: add l·r of the row below, take away l·r of the row above."""
-    for d in range(lanes):
-        added = int16(new * right[below + d])
-        taken = int16(old * right[above + d])
-        sums[at + d] += int32(int16(added - taken))
+    """
+    Move the column sums of a tile down by a row.
 
-
-@kernel
-def slide(cross: Int32Array, sums: Int32Array, entering: int, leaving: int, lanes: int) -> None:
-    """Move the window right: add the column that enters, take away the one that leaves."""
-    for d in range(lanes):
-        cross[d] += sums[entering + d] - sums[leaving + d]
-
-
-@kernel
-def score(
-    cross: Int32Array, count: int, left_total: int, left_inverse: float,
-    right_totals: Int32Array, right_inverses: Float32Array, right_at: int,
-    codes: Int32Array, shift: int, right_best: Int32Array, best_at: int, lanes: int,
-) -> int:  # fmt: skip
-    """Score all candidates of a left pixel: its best, and the bests of the right pixels."""
-    best = int32(0)
-    for d in range(lanes):
-        covariance = int32(count * cross[d]) - int32(left_total * right_totals[right_at + d])
-        rho = float32(float32(int32(covariance)) * right_inverses[right_at + d]) * left_inverse
-        named = int32(int32(int32(rho) << shift) + codes[d])
-        right_best[best_at + d] = max(right_best[best_at + d], named)
-        best = max(best, named)
-    return best  # type: ignore[no-any-return]  # numba's types are not typed
+    Parameters
+    ----------
+    sums : ndarray of int32, shape ((width + 2n + 1)·lanes,)
+        Σlr of the window column tile + x − n at (x + 1)·lanes; zeros come first.
+    left, right : ndarray of int16
+        As in :class:`PaddedPair`.
+    below, above : int
+        Padded rows whose products are added and taken away; row 0 is empty.
+    tile, width : int
+        First column of the tile and its columns.
+    lanes : int
+        Candidates, padded.
+    """
+    right_below, right_above = right[below], right[above]
+    for x in range(width + 2 * N):
+        new, old = splat(left[below, tile + x]), splat(left[above, tile + x])
+        for d in range(0, lanes, LANES):
+            at = (x + 1) * lanes + d
+            added = new * load(right_below, tile + x + d)
+            taken = old * load(right_above, tile + x + d)
+            store(sums, at, load(sums, at) + widen(added - taken))
 
 
 @kernel
 def vertex(before: float, peak: float, after: float) -> float:
     """Where between its neighbours a parabola through three scores peaks, −0.5 … 0.5."""
-    curvature = before - 2 * peak + after
+    curvature = before - peak - peak + after
     if peak < before or peak < after or curvature >= 0:
-        return 0.0
-    return (before - after) / (2 * curvature)
+        return float32(0)  # type: ignore[no-any-return]  # numba has no types
+    return (before - after) / (curvature + curvature)
+
+
+@kernel
+def named_candidate(named: int, shift: int, lanes: int) -> int:
+    """Candidate that a score names."""
+    return lanes - 1 - (named & ((1 << shift) - 1))

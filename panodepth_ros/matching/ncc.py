@@ -11,9 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
-from numba import float32, int16, int32, uint64
+from numba import float32, int32
 
 from panodepth_ros.geometry import Panorama
 from panodepth_ros.matching.compiled import kernel
@@ -27,22 +28,53 @@ from panodepth_ros.matching.correlation import (
     Int32Array,
     N,
     PaddedPair,
-    add_products,
-    candidate_codes,
+    Windows,
+    add_row,
     clipped_rows,
     inverse_deviation,
+    named_candidate,
     pad,
-    score,
-    slide,
     vertex,
     window_statistics,
 )
 from panodepth_ros.matching.interface import Correspondence, GreyPair, grey_pair
+from panodepth_ros.matching.simd import (
+    LANES,
+    largest,
+    load,
+    maximum,
+    shift_left,
+    splat,
+    store,
+    to_float,
+    to_integer,
+    widen,
+)
 
 #: A match stands if the right pixel's best leads back to within this many columns.
 BACK_TOLERANCE = 1
 #: Rows that one call of the kernel handles, so that its memory does not grow with the image.
 BAND_ROWS = 128
+
+
+class Bests(NamedTuple):
+    """
+    What a band of rows finds.
+
+    Attributes
+    ----------
+    numbers : ndarray of int32, shape (rows, W)
+        Best candidate of each left pixel, −1 for none.
+    right : ndarray of int32, shape (rows, W + M)
+        Best named score of each right pixel so far.
+    disparity, confidence : ndarray of float32, shape (rows, W)
+        As in :class:`Correspondence`.
+    """
+
+    numbers: Int32Array
+    right: Int32Array
+    disparity: Float32Array
+    confidence: Float32Array
 
 
 def match_ncc(
@@ -79,13 +111,15 @@ def correlate(pair: GreyPair, threads: int) -> Correspondence:
     Correspondence
     """
     padded = pad(pair)
-    shape = (padded.rows, padded.columns)
-    result = Correspondence(np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32))
-    bands = -(-padded.rows // (BAND_ROWS * threads)) * threads
-    limits = [round(band * padded.rows / bands) for band in range(bands + 1)]
+    rows, columns = pair.left.shape
+    disparity = np.full((rows, columns), np.nan, np.float32)
+    confidence = np.full((rows, columns), np.nan, np.float32)
+    bands = -(-rows // (BAND_ROWS * threads)) * threads
+    limits = [round(band * rows / bands) for band in range(bands + 1)]
 
     def run(band: int) -> None:
-        _match_rows(padded, result, limits[band], limits[band + 1])
+        start, stop = limits[band], limits[band + 1]
+        _match_band(padded, start, stop, disparity[start:stop], confidence[start:stop])
 
     if threads == 1:
         for band in range(bands):
@@ -93,198 +127,157 @@ def correlate(pair: GreyPair, threads: int) -> Correspondence:
     else:
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(run, range(bands)))
-    return result
-
-
-def _match_rows(padded: PaddedPair, result: Correspondence, start: int, stop: int) -> None:
-    _match_band(
-        padded.left,
-        padded.right,
-        padded.left_seen,
-        padded.right_seen,
-        padded.first,
-        padded.candidates,
-        candidate_codes(padded.candidates, padded.lanes),
-        start,
-        stop,
-        result.column_disparity,
-        result.confidence,
-    )
+    return Correspondence(disparity, confidence)
 
 
 @kernel
 def _match_band(
-    left: Int16Array, right: Int16Array, left_seen: Int32Array, right_seen: Int32Array,
-    first: int, candidates: int, codes: Int32Array, start: int, stop: int,
-    disparity: Float32Array, confidence: Float32Array,
-) -> None:  # fmt: skip
+    pair: PaddedPair, start: int, stop: int, disparity: Float32Array, confidence: Float32Array
+) -> None:
     """Match the rows start … stop − 1."""
-    rows, columns = disparity.shape
-    lanes = codes.size
-    left_totals, left_inverses = window_statistics(left, rows, start, stop)
-    right_totals, right_inverses = window_statistics(right, rows, start, stop)
-    numbers = np.full((stop - start, columns), -1, np.int32)
-    right_best = np.zeros((stop - start, columns + lanes), np.int32)
+    columns, lanes = disparity.shape[1], pair.codes.size
+    rows = pair.left.shape[0] - WIDTH - 1
+    bests = Bests(
+        np.full((stop - start, columns), -1, np.int32),
+        np.zeros((stop - start, columns + lanes), np.int32),
+        disparity,
+        confidence,
+    )
     sums = np.empty((TILE_COLUMNS + 2 * N + 1) * lanes, np.int32)
     for tile in range(0, columns, TILE_COLUMNS):
         width = min(TILE_COLUMNS, columns - tile)
-        if not np.any(left_seen[tile + N : tile + N + width]):
+        if not np.any(pair.left_seen[tile + N : tile + N + width]):
             continue
-        whole = np.all(left_seen[tile : tile + width + 2 * N]) and np.all(
-            right_seen[tile : tile + width + candidates + 2 * N]
+        complete = np.all(pair.left_seen[tile : tile + width + 2 * N]) and np.all(
+            pair.right_seen[tile : tile + width + pair.candidates + 2 * N]
         )
+        left = window_statistics(pair.left, start, stop, tile, width)
+        right = window_statistics(pair.right, start, stop, tile, width + lanes)
         sums[:] = 0
         for row in range(start, start + WIDTH):
-            _add_row(sums, left, right, row, -1, tile, width, lanes)
+            add_row(sums, pair.left, pair.right, row, 0, tile, width, lanes)
         for y in range(start, stop):
-            _add_row(sums, left, right, y + WIDTH, y, tile, width, lanes)
-            if whole:
-                _match_row(
-                    sums, y - start, WIDTH * clipped_rows(y, rows), tile, width,
-                    left_totals, left_inverses, right_totals, right_inverses,
-                    first, candidates, codes, right_best, numbers, disparity[y], confidence[y],
-                )  # fmt: skip
+            if complete:
+                _match_row(pair, y, y - start, rows, tile, width, sums, left, right, bests)
             else:
-                _match_row_masked(
-                    sums, y - start, clipped_rows(y, rows), tile, width,
-                    left, right, left_seen, right_seen, y,
-                    first, candidates, codes, right_best, numbers, disparity[y], confidence[y],
-                )  # fmt: skip
-    _keep_consistent(numbers, right_best, codes, start, disparity, confidence)
-
-
-@kernel
-def _add_row(
-    sums: Int32Array, left: Int16Array, right: Int16Array, below: int, above: int,
-    tile: int, width: int, lanes: int,
-) -> None:  # fmt: skip
-    """Move the column sums of a tile down by a row; ``above`` is −1 while they fill."""
-    stride = uint64(right.shape[1])
-    flat = right.reshape(-1)
-    nothing = int16(0)
-    for x in range(width + 2 * N):
-        old = left[above, tile + x] if above >= 0 else nothing
-        add_products(
-            sums, uint64(x + 1) * uint64(lanes), left[below, tile + x],
-            uint64(below) * stride + uint64(tile + x),
-            old, uint64(max(above, 0)) * stride + uint64(tile + x), flat, uint64(lanes),
-        )  # fmt: skip
+                add_row(sums, pair.left, pair.right, y + WIDTH, y, tile, width, lanes)
+                _match_row_masked(pair, y, y - start, rows, tile, width, sums, bests)
+    _keep_consistent(bests, pair.shift, lanes)
 
 
 @kernel
 def _match_row(
-    sums: Int32Array, row: int, count: int, tile: int, width: int,
-    left_totals: Int32Array, left_inverses: Float32Array,
-    right_totals: Int32Array, right_inverses: Float32Array,
-    first: int, candidates: int, codes: Int32Array, right_best: Int32Array,
-    numbers: Int32Array, disparity: Float32Array, confidence: Float32Array,
+    pair: PaddedPair, y: int, row: int, rows: int, tile: int, width: int,
+    sums: Int32Array, left: Windows, right: Windows, bests: Bests,
 ) -> None:  # fmt: skip
-    """Match a tile's part of a row where every column was seen."""
-    lanes = uint64(codes.size)
-    shift = _shift(codes)
+    """Move a tile down to row y and match it; every column was seen."""
+    codes, lanes = pair.codes, pair.codes.size
+    shift = int32(pair.shift)
     unit = float32(1 << (SCORE_BITS - shift))
-    cross = np.zeros(codes.size, np.int32)
-    for x in range(2 * N):
-        slide(cross, sums, uint64(x + 1) * lanes, uint64(0), lanes)
-    totals, inverses = right_totals[row], right_inverses[row]
-    bests = right_best[row]
+    count = int32(WIDTH * clipped_rows(y, rows))
+    below, above = pair.right[y + WIDTH], pair.right[y]
+    totals, inverses = right.totals[row], right.inverses[row]
+    right_best = bests.right[row, tile : tile + width + lanes]
+    add_row(sums, pair.left, pair.right, y + WIDTH, y, tile, 0, lanes)
+    cross = np.zeros(lanes, np.int32)
+    for at in range(lanes, (2 * N + 1) * lanes, lanes):
+        for d in range(0, lanes, LANES):
+            store(cross, d, load(cross, d) + load(sums, at + d))
+    counts = splat(count)
     for x in range(width):
-        slide(cross, sums, uint64(x + 2 * N + 1) * lanes, uint64(x) * lanes, lanes)
-        column = tile + x
-        total, inverse = left_totals[row, column], left_inverses[row, column]
-        best = score(
-            cross, int32(count), total, float32(inverse * unit), totals, inverses,
-            uint64(column), codes, int32(shift), bests, uint64(column), lanes,
-        )  # fmt: skip
-        if best >> shift == 0:
+        entering = tile + x + 2 * N
+        at, at_leaving = (x + 2 * N + 1) * lanes, x * lanes
+        new, old = splat(pair.left[y + WIDTH, entering]), splat(pair.left[y, entering])
+        total, inverse = left.totals[row, x], left.inverses[row, x]
+        left_total, left_scale = splat(total), splat(float32(inverse * unit))
+        best = splat(int32(0))
+        for d in range(0, lanes, LANES):
+            added = new * load(below, entering + d)
+            taken = old * load(above, entering + d)
+            column_sum = load(sums, at + d) + widen(added - taken)
+            store(sums, at + d, column_sum)
+            products = load(cross, d) + column_sum - load(sums, at_leaving + d)
+            store(cross, d, products)
+            covariance = counts * products - left_total * load(totals, x + d)
+            scaled = to_float(covariance) * load(inverses, x + d) * left_scale
+            named = shift_left(to_integer(scaled), shift) + load(codes, d)
+            best = maximum(best, named)
+            store(right_best, x + d, maximum(load(right_best, x + d), named))
+        named_best = largest(best)
+        if named_best >> shift == 0:
             continue
-        number = _number(best, shift, codes)
-        numbers[row, column] = number
-        rho = np.zeros(3, np.float64)
-        for k in range(3):
-            d = min(max(number + k - 1, 0), candidates - 1)
-            covariance = count * cross[d] - total * totals[column + d]
-            rho[k] = np.float64(covariance) * inverse * inverses[column + d]
-        offset = 0.0
-        if 0 < number < candidates - 1:
-            offset = vertex(rho[0], rho[1], rho[2])
-        disparity[column] = first + number + offset
-        confidence[column] = min(rho[1], 1.0)
-
-
-@kernel
-def _shift(codes: Int32Array) -> int:
-    """Bits that a candidate's number needs."""
-    shift = 0
-    while 1 << shift < codes.size:
-        shift += 1
-    return shift
-
-
-@kernel
-def _number(named: int, shift: int, codes: Int32Array) -> int:
-    """Candidate that a named score names."""
-    return codes.size - 1 - (named & ((1 << shift) - 1))
+        number = named_candidate(named_best, shift, lanes)
+        k = number
+        peak = float32(count * cross[k] - total * totals[x + k]) * inverses[x + k]
+        offset = float32(0)
+        if 0 < number < pair.candidates - 1:
+            k = number - 1
+            before = float32(count * cross[k] - total * totals[x + k]) * inverses[x + k]
+            k = number + 1
+            after = float32(count * cross[k] - total * totals[x + k]) * inverses[x + k]
+            offset = vertex(before, peak, after)
+        bests.numbers[row, tile + x] = number
+        bests.disparity[row, tile + x] = float32(pair.first + number) + offset
+        bests.confidence[row, tile + x] = min(peak * inverse, float32(1))
 
 
 @kernel
 def _match_row_masked(
-    sums: Int32Array, row: int, window_rows: int, tile: int, width: int,
-    left: Int16Array, right: Int16Array, left_seen: Int32Array, right_seen: Int32Array, y: int,
-    first: int, candidates: int, codes: Int32Array, right_best: Int32Array,
-    numbers: Int32Array, disparity: Float32Array, confidence: Float32Array,
+    pair: PaddedPair, y: int, row: int, rows: int, tile: int, width: int,
+    sums: Int32Array, bests: Bests,
 ) -> None:  # fmt: skip
-    """Match a tile's part of a row without the columns that either panorama did not see."""
-    shift = _shift(codes)
+    """Match a tile's part of row y without the columns that either panorama did not see."""
+    lanes, candidates = pair.codes.size, pair.candidates
+    shift = int32(pair.shift)
     unit = float32(1 << (SCORE_BITS - shift))
-    lanes = codes.size
-    left_columns = _column_statistics(left, y, tile, width + 2 * N)
-    right_columns = _column_statistics(right, y, tile, width + 2 * N + candidates)
+    window_rows = clipped_rows(y, rows)
+    left_columns = _column_statistics(pair.left, y, tile, width + 2 * N)
+    right_columns = _column_statistics(pair.right, y, tile, width + 2 * N + candidates)
+    # Seen columns, Σl, Σl², Σr, Σr², Σlr of the window for each candidate.
     window = np.zeros((6, candidates), np.int32)
-    rho = np.zeros(candidates, np.float64)
+    rho = np.zeros(candidates, np.float32)
     for x in range(-2 * N, width):
+        column = tile + x
         for side in range(2):
             # The window's right end enters, then the column left of its left end leaves.
-            i = x + 2 * N if side == 0 else x - 1
+            i = x - 1 if side else x + 2 * N
             if i < 0:
                 continue
-            sign = 1 - 2 * side
-            seen = left_seen[tile + i] * sign
+            sign = -1 if side else 1
+            seen = pair.left_seen[tile + i] * sign
             for d in range(candidates):
-                both = seen * right_seen[tile + i + d]
+                both = seen * pair.right_seen[tile + i + d]
                 window[0, d] += both
                 window[1, d] += both * left_columns[0, i]
                 window[2, d] += both * left_columns[1, i]
                 window[3, d] += both * right_columns[0, i + d]
                 window[4, d] += both * right_columns[1, i + d]
                 window[5, d] += sign * sums[(i + 1) * lanes + d]
-        column = tile + x
-        if x < 0 or left_seen[column + N] == 0:
+        if x < 0 or pair.left_seen[column + N] == 0:
             continue
         best = int32(0)
         for d in range(candidates):
             rho[d] = np.nan
-            if window[0, d] < MINIMAL_COLUMNS or right_seen[column + N + d] == 0:
+            if window[0, d] < MINIMAL_COLUMNS or pair.right_seen[column + N + d] == 0:
                 continue
-            count = window_rows * window[0, d]
+            count = int32(window_rows * window[0, d])
             inverse = inverse_deviation(count, window[1, d], window[2, d])
             right_inverse = inverse_deviation(count, window[3, d], window[4, d])
-            covariance = count * window[5, d] - window[1, d] * window[3, d]
-            rho[d] = np.float64(covariance) * inverse * right_inverse
-            scaled = float32(float32(int32(covariance)) * right_inverse)
-            scaled = float32(scaled * float32(inverse * unit))
-            named = int32(int32(int32(scaled) << shift) + codes[d])
-            right_best[row, column + d] = max(right_best[row, column + d], named)
+            covariance = float32(count * window[5, d] - window[1, d] * window[3, d])
+            rho[d] = covariance * right_inverse * inverse
+            scaled = covariance * right_inverse * float32(inverse * unit)
+            named = int32((int32(scaled) << shift) + pair.codes[d])
+            bests.right[row, column + d] = max(bests.right[row, column + d], named)
             best = max(best, named)
         if best >> shift == 0:
             continue
-        number = _number(best, shift, codes)
-        numbers[row, column] = number
-        offset = 0.0
+        number = named_candidate(best, shift, lanes)
+        offset = float32(0)
         if 0 < number < candidates - 1 and not np.isnan(rho[number - 1] + rho[number + 1]):
             offset = vertex(rho[number - 1], rho[number], rho[number + 1])
-        disparity[column] = first + number + offset
-        confidence[column] = min(rho[number], 1.0)
+        bests.numbers[row, column] = number
+        bests.disparity[row, column] = float32(pair.first + number) + offset
+        bests.confidence[row, column] = min(rho[number], float32(1))
 
 
 @kernel
@@ -300,20 +293,18 @@ def _column_statistics(padded: Int16Array, y: int, start: int, width: int) -> In
 
 
 @kernel
-def _keep_consistent(
-    numbers: Int32Array, right_best: Int32Array, codes: Int32Array, start: int,
-    disparity: Float32Array, confidence: Float32Array,
-) -> None:  # fmt: skip
+def _keep_consistent(bests: Bests, shift: int, lanes: int) -> None:
     """Unmatch what back-correlation does not confirm."""
-    rows, columns = numbers.shape
-    shift = _shift(codes)
+    rows, columns = bests.numbers.shape
     for y in range(rows):
-        for x in range(columns, right_best.shape[1]):
-            right_best[y, x - columns] = max(right_best[y, x - columns], right_best[y, x])
+        numbers, right = bests.numbers[y], bests.right[y]
+        for x in range(columns, right.size):
+            right[x - columns] = max(right[x - columns], right[x])
         for x in range(columns):
-            if numbers[y, x] < 0:
+            if numbers[x] < 0:
                 continue
-            back = right_best[y, (x + numbers[y, x]) % columns]
-            if abs(_number(back, shift, codes) - numbers[y, x]) > BACK_TOLERANCE:
-                disparity[start + y, x] = np.nan
-                confidence[start + y, x] = np.nan
+            at = x + numbers[x]
+            back = named_candidate(right[at if at < columns else at - columns], shift, lanes)
+            if abs(back - numbers[x]) > BACK_TOLERANCE:
+                bests.disparity[y, x] = np.nan
+                bests.confidence[y, x] = np.nan
