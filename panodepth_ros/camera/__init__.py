@@ -1,0 +1,1 @@
+"""Where frames come from: devices, files, streams, and a simulated room; and calibration files."""

@@ -1,0 +1,13 @@
+"""
+A simulated room for the camera on the arm, with exact truth.
+
+``furnished`` puts a room together from ``furniture`` made of ``solids`` covered by ``textures``;
+``room`` renders and measures it through the ``raytracer``; ``truth`` is what a panorama of it
+should tell.
+"""
+
+from panodepth_ros.camera.simulated.furnished import furnished_room
+from panodepth_ros.camera.simulated.room import Room, RoomCamera
+from panodepth_ros.camera.simulated.truth import TruthPanorama, truth_panorama
+
+__all__ = ['Room', 'RoomCamera', 'TruthPanorama', 'furnished_room', 'truth_panorama']
