@@ -104,7 +104,7 @@ class FlowControl:
         missing = wanted
         while missing:
             missing = {p: n for p, n in missing.items() if p.get_subscription_count() < n}
-            if missing and missing.keys() == wanted.keys():
+            if missing:
                 names = ', '.join(sorted(publisher.topic_name for publisher in missing))
                 self._warn_once(f'waiting for subscribers of {names}')
             self._pause(POLL if missing else 0.0)

@@ -151,6 +151,7 @@ class Player:
         stop: threading.Event,
     ):
         self._what = what
+        self._log = node.get_logger()
         self._flow_control = flow_control
         self._stop = stop
         self.sent = 0
@@ -195,6 +196,7 @@ class Player:
         self._flow_control.wait_for_subscribers(
             {self._publishers[name]: count for name, count in wanted.items()}
         )
+        self._log.info(f'replaying {self._what.path} as {", ".join(sorted(self._publishers))}')
         messages = (
             (self._publishers[self._published_name(connection.topic)], stamp, data)
             for connection, stamp, data in stored

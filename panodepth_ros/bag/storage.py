@@ -41,10 +41,10 @@ def reported(path: Path) -> Iterator[None]:
     """Turn whatever rosbags raises about a damaged bag into a sentence that names it."""
     try:
         yield
-    except (BagError, GeneratorExit):
+    except BagError:
         raise
     except Exception as error:  # of rosbags, sqlite, lz4, zstandard, struct, YAML …
-        reason = f'{error}'.strip().rstrip('.') or type(error).__name__
+        reason = ' '.join(str(error).split()).rstrip('.') or type(error).__name__
         raise BagError(f'{path} cannot be read as a bag: {reason}') from error
 
 

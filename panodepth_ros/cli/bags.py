@@ -29,8 +29,8 @@ def run_until_stopped(module: str, work: Callable[[Any, threading.Event], str]) 
         0, or 1 if the work failed; then one sentence on standard error says why.
     """
     stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    handlers = [signal.signal(number, lambda *_: stop.set()) for number in numbers]
     try:
         print(work(importlib.import_module(f'panodepth_ros.bag.{module}'), stop), flush=True)
     except BagError as error:
@@ -45,4 +45,7 @@ def run_until_stopped(module: str, work: Callable[[Any, threading.Event], str]) 
             file=sys.stderr,
         )
         return 1
+    finally:
+        for number, handler in zip(numbers, handlers, strict=True):
+            signal.signal(number, handler)
     return 0
