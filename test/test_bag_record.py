@@ -23,7 +23,8 @@ from sensor_msgs.msg import CameraInfo, Image, JointState, LaserScan, PointCloud
 from std_msgs.msg import Empty, Float32, String
 from std_srvs.srv import Trigger
 
-from panodepth_ros.bag import STORAGES, read
+from panodepth_ros.bag import STORAGES, BagWriter, read
+from panodepth_ros.bag.recorder import Recorder, drain
 from panodepth_ros.bag.storage import opened, rosbags
 from panodepth_ros.bag.types import message_class, register
 from panodepth_ros.ros import qos
@@ -87,6 +88,19 @@ def test_either_signal_leaves_a_complete_bag(ros, tmp_path: Path, stop_signal) -
             publisher.publish(Float32(data=float(k)))
         assert acknowledged(publisher)
     assert [message.data for _, _, message in read(tmp_path / 'bag')] == list(range(20))
+
+
+def test_what_waits_in_the_queues_at_the_end_is_written(ros, tmp_path: Path) -> None:
+    publisher = ros.node().create_publisher(Float32, 'number', 100)
+    with BagWriter(tmp_path / 'bag') as writer:
+        recorder = Recorder(ros.node('recorder'), writer, ['number'])
+        ros.spin_until(lambda: matched(publisher), 'the recorder')
+        for k in range(50):
+            publisher.publish(Float32(data=float(k)))
+        assert acknowledged(publisher)
+        assert writer.message_count == 0
+        drain(ros.executor, recorder, writer)
+    assert [message.data for _, _, message in read(tmp_path / 'bag')] == list(range(50))
 
 
 def test_topic_that_appears_later_is_recorded(ros, tmp_path: Path) -> None:

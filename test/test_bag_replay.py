@@ -5,6 +5,7 @@ import time
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip('rosbags', reason='bags need rosbags')
@@ -15,8 +16,9 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import UInt8MultiArray
 
-from panodepth_ros.bag import STORAGES
+from panodepth_ros.bag import STORAGES, BagWriter
 from panodepth_ros.bag.player import bursts
 from panodepth_ros.bag.storage import rosbags
 from panodepth_ros.cli.main import main
@@ -64,6 +66,27 @@ def test_asap_loses_nothing_on_slow_subscribers_with_the_shortest_queue(
         assert 'may lose' not in player.output
     for listener in (slow, quick, other):
         assert listener.positions == list(range(300))
+
+
+@launch
+def test_asap_loses_no_large_message(ros, tmp_path: Path) -> None:
+    typesys = rosbags('typesys')
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+    kind = 'std_msgs/msg/UInt8MultiArray'
+    layout = store.types['std_msgs/msg/MultiArrayLayout'](dim=[], data_offset=0)
+    count, size = 40, 4_000_000  # many times the shared memory of Fast DDS
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic('/large', kind, store)
+        for k in range(count):
+            message = store.types[kind](layout=layout, data=np.full(size, k, np.uint8))
+            bag.write('/large', BEGIN + k, store.serialize_cdr(message, kind))
+    got: list[tuple[int, int]] = []
+    ros.node().create_subscription(
+        UInt8MultiArray, 'large', lambda m: got.append((len(m.data), m.data[-1])), 1
+    )
+    with replay(tmp_path / 'bag', '--asap') as player:
+        ros.spin_until(lambda: not player.running(), 'the end of the replay', timeout=60)
+    assert got == [(size, k) for k in range(count)]
 
 
 @launch

@@ -154,7 +154,7 @@ def record(
             recorder = Recorder(node, writer, topics)
             while not stop.is_set():
                 executor.spin_once(timeout_sec=DISCOVERY_PERIOD)
-            _drain(executor, recorder, writer)
+            drain(executor, recorder, writer)
         finally:
             executor.shutdown()
             node.destroy_node()
@@ -162,7 +162,7 @@ def record(
     return writer.message_count
 
 
-def _drain(executor: SingleThreadedExecutor, recorder: Recorder, writer: BagWriter) -> None:
+def drain(executor: SingleThreadedExecutor, recorder: Recorder, writer: BagWriter) -> None:
     """Write what waits in the subscriptions' queues; a publisher may go on meanwhile."""
     told = time.time_ns()
     idle = 0
