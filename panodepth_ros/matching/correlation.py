@@ -40,6 +40,8 @@ WIDTH = 2 * N + 1
 TILE_COLUMNS = 128
 #: Score of ρ = 1 with the candidate's number below it; leaves a bit of room in 32 bits.
 SCORE_BITS = 29
+#: Rows whose window statistics are kept at a time.
+STATISTICS_ROWS = 32
 #: A window needs this many seen columns.
 MINIMAL_COLUMNS = N + 1
 
@@ -50,12 +52,12 @@ class PaddedPair(NamedTuple):
 
     Attributes
     ----------
-    left : ndarray of int16, shape (H + 2n + 2, W + 2n)
+    left : ndarray of int16, shape (H + 2n + 2, W + LANES)
         Centred grey levels, 0 outside the image and where unseen; wraps around. Row y of the
         image is row y + n + 1, column x is column x + n.
-    right : ndarray of int16, shape (H + 2n + 2, W + M + 2n)
+    right : ndarray of int16, shape (H + 2n + 2, W + M + LANES)
         The same; candidate number d compares column x of ``left`` with column x + d.
-    left_seen, right_seen : ndarray of int32, shapes (W + 2n,) and (W + M + 2n,)
+    left_seen, right_seen : ndarray of int32, shapes (W + LANES,) and (W + M + LANES,)
         1 where seen, else 0.
     codes : ndarray of int32, shape (M,)
         What is added to a shifted score so that it names its candidate. Of equal scores the
@@ -97,8 +99,9 @@ def pad(pair: GreyPair) -> PaddedPair:
     columns = pair.left.shape[1]
     candidates = pair.last - pair.first + 1
     lanes = -(-candidates // LANES) * LANES
-    left_columns = np.arange(-N, columns + N) % columns
-    right_columns = np.arange(pair.first - N, pair.first + columns + lanes + N) % columns
+    left_columns = np.arange(-N, columns + LANES - N) % columns
+    right_columns = pair.first + np.arange(-N, columns + lanes + LANES - N)
+    right_columns %= columns
     return PaddedPair(
         left=_centred(pair.left, pair.left_seen, left_columns),
         right=_centred(pair.right, pair.right_seen, right_columns),
@@ -245,3 +248,90 @@ def vertex(before: float, peak: float, after: float) -> float:
 def named_candidate(named: int, shift: int, lanes: int) -> int:
     """Candidate that a score names."""
     return lanes - 1 - (named & ((1 << shift) - 1))
+
+
+@kernel
+def masked_correlation(pair: PaddedPair, y: int, x: int, number: int) -> float:
+    """
+    ρ of one left pixel and one candidate, without the columns either panorama did not see.
+
+    NaN if a centre was not seen or too few columns were; 0 for a window without texture.
+    """
+    columns = left_total = left_squares = right_total = right_squares = products = 0
+    for i in range(WIDTH):
+        if pair.left_seen[x + i] == 0 or pair.right_seen[x + number + i] == 0:
+            continue
+        columns += 1
+        for j in range(1, WIDTH + 1):
+            left = int32(pair.left[y + j, x + i])
+            right = int32(pair.right[y + j, x + number + i])
+            left_total += left
+            left_squares += left * left
+            right_total += right
+            right_squares += right * right
+            products += left * right
+    seen = pair.left_seen[x + N] * pair.right_seen[x + number + N]
+    if seen == 0 or columns < MINIMAL_COLUMNS:
+        return np.nan
+    count = columns * clipped_rows(y, pair.left.shape[0] - WIDTH - 1)
+    covariance = float32(count * products - left_total * right_total)
+    rho: float = covariance * inverse_deviation(count, left_total, left_squares)
+    return rho * inverse_deviation(count, right_total, right_squares)
+
+
+@kernel
+def match_correlation(pair: PaddedPair, numbers: Int32Array) -> Float32Array:
+    """
+    ρ of matches that were found by other means.
+
+    Parameters
+    ----------
+    pair : PaddedPair
+    numbers : ndarray of int32, shape (H, W)
+        Candidate of each left pixel, negative for none.
+
+    Returns
+    -------
+    ndarray of float32, shape (H, W)
+        NaN where there is no candidate or a column was not seen.
+    """
+    rows, columns = numbers.shape
+    lanes = pair.codes.size
+    result = np.full((rows, columns), np.nan, np.float32)
+    left_complete = _complete(pair.left_seen, columns)
+    right_complete = _complete(pair.right_seen, columns + lanes)
+    lane_sums = np.empty(LANES, np.int32)
+    for y in range(rows):
+        if y % STATISTICS_ROWS == 0:
+            stop = min(y + STATISTICS_ROWS, rows)
+            left = window_statistics(pair.left, y, stop, 0, columns)
+            right = window_statistics(pair.right, y, stop, 0, columns + lanes)
+        row = y % STATISTICS_ROWS
+        count = int32(WIDTH * clipped_rows(y, rows))
+        for x in range(columns):
+            if numbers[y, x] < 0:
+                continue
+            at = x + numbers[y, x]
+            if not (left_complete[x] and right_complete[at]):
+                result[y, x] = masked_correlation(pair, y, x, numbers[y, x])
+                continue
+            lane_sum = splat(int32(0))
+            for j in range(y + 1, y + WIDTH + 1):
+                products = load(pair.left[j], x) * load(pair.right[j], at)
+                lane_sum = lane_sum + widen(products)
+            store(lane_sums, 0, lane_sum)
+            cross = int32(0)
+            for i in range(WIDTH):
+                cross += lane_sums[i]
+            covariance = float32(count * cross - left.totals[row, x] * right.totals[row, at])
+            result[y, x] = covariance * left.inverses[row, x] * right.inverses[row, at]
+    return result
+
+
+@kernel
+def _complete(seen: Int32Array, columns: int) -> npt.NDArray[np.bool_]:
+    """Whether all columns of a window were seen, for the windows of the first columns."""
+    complete = np.empty(columns, np.bool_)
+    for x in range(columns):
+        complete[x] = np.all(seen[x : x + WIDTH])
+    return complete

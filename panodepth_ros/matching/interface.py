@@ -23,6 +23,8 @@ WINDOW_HALF_WIDTH = 4
 
 _MODULES = {
     'ncc': ('panodepth_ros.matching.ncc', 'match_ncc'),
+    'sgbm': ('panodepth_ros.matching.opencv', 'match_sgbm'),
+    'bm': ('panodepth_ros.matching.opencv', 'match_bm'),
 }
 
 #: Names of the methods.
