@@ -40,8 +40,8 @@ from .transport import SerialLine
 
 _LOGGER = logging.getLogger(__name__)
 
-#: Answers to ``?`` get lost at times; it is sent again after this time [s].
-_ASK_AGAIN = 0.25
+#: Answers to ``?`` get lost at times: how often it is sent within the response timeout.
+_QUERIES = 8
 #: Status period while the arm brakes [s].
 _BRAKE_PERIOD = 0.02
 #: How many bytes of noise an error message shows.
@@ -147,6 +147,7 @@ class GrblArm:
         self._axis_index = grbl.AXES.index(axis)
         self._settle_time = settle_time
         self._response_timeout = response_timeout
+        self._query_timeout = response_timeout / _QUERIES
         self._clock = clock
         self._listener = listener
         self._last_stamp = 0
@@ -336,7 +337,7 @@ class GrblArm:
         deadline = time.monotonic() + timeout
         while self._banner is None:
             self._write(grbl.STATUS_QUERY)
-            if self._until(lambda: bool(self._banner or self._reports), _ASK_AGAIN):
+            if self._until(lambda: bool(self._banner or self._reports), self._query_timeout):
                 break
             if time.monotonic() > deadline:
                 noise = (self._noise + self._assembler.rest)[:_NOISE]
@@ -543,13 +544,12 @@ class GrblArm:
     def _report(self) -> _Report:
         """Ask for a status report until one comes that tells the position."""
         deadline = time.monotonic() + self._response_timeout
-        patience = min(_ASK_AGAIN, self._response_timeout)
         while time.monotonic() < deadline:
             stamp = self._clock()
             with self._changed:
                 self._reports.clear()
                 self._write(grbl.STATUS_QUERY)
-                if not self._until(lambda: bool(self._reports), patience):
+                if not self._until(lambda: bool(self._reports), self._query_timeout):
                     continue
                 status = self._reports[0]
                 azimuth = self._azimuth(status)
@@ -680,8 +680,10 @@ class GrblArm:
             self._banner_wanted = False
         elif isinstance(message, grbl.Alarm):
             self._pending.clear()
-            self._lose(f'controller on port {self.port} reported {message.meaning}')
-            self._incident = ArmAlarmError(f'{self._doubt}; home the arm')
+            self._moving = False
+            self._doubt = f'controller on port {self.port} reported {message.meaning}'
+            if not self._banner_wanted:  # else the alarm is a part of the reset
+                self._incident = ArmAlarmError(f'{self._doubt}; home the arm')
         elif isinstance(message, grbl.Malformed):
             self._noise = (self._noise + message.raw)[:_NOISE]
             _LOGGER.debug('port %s sent noise: %r', self.port, message.raw)

@@ -101,8 +101,10 @@ class SimulatedArm:
                 return
             now = time.monotonic()
             is_open = not events.get(self._master, 0) & select.POLLHUP
-            if is_open and not self._open and self._reset_on_open:
-                self.controller.power_up(now)
+            if is_open and not self._open:
+                self.controller.take_output()  # what was sent while nobody listened is lost
+                if self._reset_on_open:
+                    self.controller.power_up(now)
             self._open = is_open
             if is_open and events.get(self._master, 0) & select.POLLIN:
                 self.controller.receive(os.read(self._master, 4096), now)
