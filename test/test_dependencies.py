@@ -1,0 +1,59 @@
+"""Dependencies point one way, and what is declared is what is needed."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+CORE = ('geometry', 'mosaic', 'matching', 'scan', 'evaluation')
+
+#: rosdep keys, each looked up in rosdistro's rosdep/*.yaml or a package of the distribution.
+ROSDEP_KEYS = {
+    *('python3-hypothesis', 'python3-matplotlib', 'python3-numba', 'python3-numpy'),
+    *('python3-opencv', 'python3-pytest', 'python3-pytest-timeout', 'python3-serial'),
+    'python3-yaml',
+}
+ROS_PACKAGES = {
+    *('rclpy', 'rcl_interfaces', 'builtin_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs'),
+    *('diagnostic_msgs', 'launch', 'launch_ros', 'ros2launch', 'ament_index_python'),
+}
+
+
+@pytest.mark.parametrize('module', CORE)
+def test_core_imports_without_ros_and_devices(module):
+    code = (
+        f'import sys, panodepth_ros.{module}\n'
+        "print([m for m in ('rclpy', 'sensor_msgs', 'serial', 'rosbags', 'matplotlib', "
+        "'panodepth_ros.arm', 'panodepth_ros.camera', 'panodepth_ros.ros', 'panodepth_ros.nodes') "
+        'if m in sys.modules])'
+    )
+    ran = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == '[]'
+
+
+@pytest.mark.parametrize('distro', ['jazzy', 'kilted'])
+def test_every_ros_wheel_is_pinned(distro):
+    lines = (ROOT / 'requirements' / f'{distro}.txt').read_text().split()
+    assert len(lines) > 50
+    assert [line for line in lines if not re.fullmatch(r'ros-[a-z0-9-]+==[0-9.]+', line)] == []
+    assert any(line.startswith('ros-rclpy==') for line in lines)
+
+
+def test_package_xml_names_existing_keys_and_all_imports():
+    package = ElementTree.parse(ROOT / 'package.xml').getroot()
+    named = {element.text for element in package if element.tag.endswith('depend')}
+    assert named <= ROSDEP_KEYS | ROS_PACKAGES
+    imported = set()
+    for path in (ROOT / 'panodepth_ros').rglob('*.py'):
+        found = re.findall(r'^ *(?:from|import) ([a-z_0-9]+)', path.read_text(), re.MULTILINE)
+        imported |= set(found)
+    assert imported & ROS_PACKAGES <= named
+
+
+def test_version_is_the_same_everywhere():
+    xml = ElementTree.parse(ROOT / 'package.xml').getroot().findtext('version')
+    assert f"version='{xml}'" in (ROOT / 'setup.py').read_text()
