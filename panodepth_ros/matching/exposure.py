@@ -1,0 +1,67 @@
+"""
+The same brightness in both eyes: gain and offset per colour from a rough match.
+
+Colours are compared as they are, which is what carries depth into surfaces without texture, but
+a camera that changed its exposure between the two sightings would make everything differ.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Bytes = npt.NDArray[np.uint8]
+
+#: Grey levels outside of these may be clipped and tell nothing.
+DARKEST, BRIGHTEST = 6, 248
+#: Corrections below this are noise of the estimate and are not made [grey levels].
+LEAST_CHANGE = 0.75
+#: Fewest pixels that an estimate may rest on.
+LEAST_PIXELS = 200
+#: Pixels that are enough for an estimate.
+ENOUGH_PIXELS = 3000
+
+
+def level_tables(left: Bytes, right: Bytes) -> Bytes | None:
+    """
+    Tables that give the left eye's colours the brightness of the right eye's.
+
+    Parameters
+    ----------
+    left, right : ndarray of uint8, shape (3, M)
+        Colours of points that both eyes see.
+
+    Returns
+    -------
+    ndarray of uint8, shape (3, 256), or None
+        New value of each value, or None where nothing needs to change.
+
+    Notes
+    -----
+    Gain is the ratio of the standard deviations, offset the difference of the means, over the
+    points that fit three median deviations well, twice.
+    """
+    inside = np.all((left > DARKEST) & (left < BRIGHTEST), axis=0)
+    inside &= np.all((right > DARKEST) & (right < BRIGHTEST), axis=0)
+    points = np.flatnonzero(inside)
+    if points.size < LEAST_PIXELS:
+        return None
+    points = points[:: -(-points.size // ENOUGH_PIXELS)]
+    tables = np.empty((3, 256), np.uint8)
+    change = 0.0
+    for channel in range(3):
+        x = left[channel, points].astype(np.float64)
+        y = right[channel, points].astype(np.float64)
+        gain, offset = 1.0, float(np.median(y - x))
+        for _ in range(3):
+            residual = np.abs(y - (gain * x + offset))
+            fits = residual <= 3 * max(float(np.median(residual)), 1.0)
+            spread = float(np.std(x[fits]))
+            gain = float(np.std(y[fits])) / spread if spread > 1.0 else 1.0
+            offset = float(np.mean(y[fits]) - gain * np.mean(x[fits]))
+        middle, spread = float(np.mean(x)), float(np.std(x))
+        for level in (middle - spread, middle, middle + spread):
+            change = max(change, abs(gain * level + offset - level))
+        levels = np.rint(gain * np.arange(256) + offset)
+        tables[channel] = np.clip(levels, 0, 255).astype(np.uint8)
+    return tables if change >= LEAST_CHANGE else None

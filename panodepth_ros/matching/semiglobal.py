@@ -1,0 +1,398 @@
+"""
+The default matching: semi-global, both eyes consistent, sub-column, with calibrated confidence.
+
+docs/matching.md says what was tried and why it is this. The panoramas are cut open at a seam that
+depends on what they show (``seam``), aggregated tile by tile (``semiglobal_paths``), checked for
+what only one eye sees, refined (``refinement``) and given a probability (``confidence``).
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TypeVar
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from panodepth_ros.geometry import Panorama
+from panodepth_ros.matching import confidence, refinement
+from panodepth_ros.matching.exposure import level_tables
+from panodepth_ros.matching.interface import Correspondence, grey_pair
+from panodepth_ros.matching.seam import canonical_seam
+from panodepth_ros.matching.semiglobal_costs import (
+    CENSUS_COLUMNS,
+    CENSUS_ROWS,
+    HIGH_NOISE,
+    HIGH_NOISE_CUT,
+    LOW_NOISE_CUT,
+    grey_noise,
+)
+from panodepth_ros.matching.semiglobal_paths import (
+    LANES,
+    MARGIN_COLUMNS,
+    NOBODY,
+    match_tile,
+)
+
+Bytes = npt.NDArray[np.uint8]
+Float32Array = npt.NDArray[np.float32]
+Scalar = TypeVar('Scalar', bound=np.generic)
+
+#: Disparities that are less probably right than this count as unmatched.
+LEAST_CONFIDENCE = 0.4
+#: Most rows of a tile, most pixels times candidates, and fewest tiles.
+TILE_ROWS, TILE_SIZE, FEWEST_TILES = 128, 11_000_000, 4
+#: Rows or columns that one call of the other kernels handles.
+BAND = 32
+#: Columns beyond either end along which a row is smoothed.
+SMOOTHING_OVERLAP = 64
+#: Size of the panoramas in which exposure is compared, as a fraction.
+ROUGH_SCALE = 4
+#: Candidate of columns that were not seen: far from all others.
+UNSEEN_STEP = -30000
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ColourPair:
+    """
+    A pair cut open at its seam.
+
+    Attributes
+    ----------
+    left, right : ndarray of uint8, shape (3, H, W)
+        Blue, green, red; thrice the grey level of a grey panorama.
+    left_grey, right_grey : ndarray of uint8, shape (H, W)
+        Grey levels, interpolated across columns that were not seen.
+    left_seen, right_seen : ndarray of bool, shape (W,)
+        Whether a frame saw the column.
+    first, candidates : int
+        Candidate k of column x is column (x + first + k) mod W.
+    """
+
+    left: Bytes
+    right: Bytes
+    left_grey: Bytes
+    right_grey: Bytes
+    left_seen: npt.NDArray[np.bool_]
+    right_seen: npt.NDArray[np.bool_]
+    first: int
+    candidates: int
+
+    def partners(self, best: npt.NDArray[np.uint16]) -> npt.NDArray[np.intp]:
+        """Right column of each pixel's candidate, shape (H, W)."""
+        columns = self.left_seen.size
+        return np.asarray((np.arange(columns) + self.first + best) % columns, np.intp)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Winners:
+    """
+    What the aggregation finds, shape (H, W).
+
+    Attributes
+    ----------
+    best : ndarray of uint16
+        Number of the best candidate.
+    margin : ndarray of uint16
+        Aggregated cost of the next best one that is not its neighbour, minus its own.
+    eyes : ndarray of int32
+        By how many columns the right pixel's best candidate differs.
+    """
+
+    best: npt.NDArray[np.uint16]
+    margin: npt.NDArray[np.uint16]
+    eyes: npt.NDArray[np.int32]
+
+
+def match_semiglobal(
+    left: Panorama, right: Panorama, further: Sequence[Panorama], threads: int
+) -> Correspondence:
+    """
+    Match a pair; ``further`` is not used.
+
+    Parameters and returns as in :func:`panodepth_ros.matching.match`. The confidence is the
+    probability that the disparity is right within one column.
+    """
+    pair, seam = cut_open(left, right)
+    with ThreadPoolExecutor(threads) as pool:
+        pair = equalised(pair, pool)
+        noise = grey_noise(pair.left_grey)
+        winners = aggregate(pair, noise, pool)
+        disparity, probability = refine(pair, winners, pool)
+    unmatched = ~pair.left_seen | ~pair.right_seen[pair.partners(winners.best)]
+    unmatched |= probability < LEAST_CONFIDENCE
+    disparity[unmatched] = np.nan
+    probability[unmatched] = np.nan
+    return Correspondence(np.roll(disparity, seam, axis=1), np.roll(probability, seam, axis=1))
+
+
+def prepare() -> None:
+    """Compile the kernels."""
+    image = np.random.default_rng(0).integers(0, 256, (BAND, 2 * BAND)).astype(np.uint8)
+    colours, seen = np.stack([image] * 3), np.ones(2 * BAND, np.bool_)
+    pair = ColourPair(colours, colours, image, image, seen, seen, first=0, candidates=BAND)
+    with ThreadPoolExecutor(1) as pool:
+        refine(pair, aggregate(pair, 1.0, pool), pool)
+
+
+def cut_open(left: Panorama, right: Panorama) -> tuple[ColourPair, int]:
+    """Cut a pair open; return it and the column at which it begins."""
+    grey = grey_pair(left, right)
+    seen = np.stack([grey.left_seen, grey.right_seen]).astype(np.uint8)
+    seam = canonical_seam(seen, grey.left, grey.right)
+
+    def rolled(array: Bytes) -> Bytes:
+        return np.ascontiguousarray(np.roll(array, -seam, axis=-1))
+
+    pair = ColourPair(
+        left=rolled(_colours(left)),
+        right=rolled(_colours(right)),
+        left_grey=rolled(_bridged(grey.left, grey.left_seen)),
+        right_grey=rolled(_bridged(grey.right, grey.right_seen)),
+        left_seen=np.roll(grey.left_seen, -seam),
+        right_seen=np.roll(grey.right_seen, -seam),
+        first=grey.first,
+        candidates=grey.last - grey.first + 1,
+    )
+    return pair, seam
+
+
+def _colours(panorama: Panorama) -> Bytes:
+    image = panorama.image
+    if image.ndim == 3:
+        return np.ascontiguousarray(np.moveaxis(image, 2, 0))
+    return np.repeat(image[np.newaxis], 3, axis=0)
+
+
+def _bridged(grey: Bytes, seen: npt.NDArray[np.bool_]) -> Bytes:
+    """Grey levels with unseen columns interpolated, so that windows beside them stay usable."""
+    if seen.all() or not seen.any():
+        return grey
+    known = np.flatnonzero(seen)
+    known = np.concatenate([[known[-1] - seen.size], known, [known[0] + seen.size]])
+    gaps = np.flatnonzero(~seen)
+    after = np.searchsorted(known, gaps)
+    start, stop = known[after - 1], known[after]
+    share = (gaps - start) / (stop - start)
+    before = grey[:, start % seen.size].astype(np.float64)
+    beyond = grey[:, stop % seen.size]
+    bridged = grey.copy()
+    bridged[:, gaps] = np.rint(before + share * (beyond - before))
+    return bridged
+
+
+def equalised(pair: ColourPair, pool: ThreadPoolExecutor) -> ColourPair:
+    """Give the left eye the brightness of the right eye, judged by a rough match of the census."""
+    rows, columns = pair.left_grey.shape
+    size = columns // ROUGH_SCALE, rows // ROUGH_SCALE
+    candidates = pair.candidates // ROUGH_SCALE
+    if candidates < 2 or size[1] < 2 * CENSUS_ROWS or size[0] < candidates + 2 * CENSUS_COLUMNS:
+        return pair
+
+    def small(image: Bytes) -> Bytes:
+        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def small_seen(seen: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        shares = small(np.ascontiguousarray(np.tile(255 * seen.astype(np.uint8), (rows, 1))))
+        return np.asarray(shares[0] == 255)
+
+    rough = ColourPair(
+        left=np.stack([small(channel) for channel in pair.left]),
+        right=np.stack([small(channel) for channel in pair.right]),
+        left_grey=small(pair.left_grey),
+        right_grey=small(pair.right_grey),
+        left_seen=small_seen(pair.left_seen),
+        right_seen=small_seen(pair.right_seen),
+        first=round(pair.first / ROUGH_SCALE),
+        candidates=candidates,
+    )
+    winners = aggregate(rough, 1.0, pool, colour=False)
+    partners = rough.partners(winners.best)
+    agreed = (winners.eyes == 0) & rough.left_seen & rough.right_seen[partners]
+    y, x = np.nonzero(agreed)
+    tables = level_tables(rough.left[:, y, x], rough.right[:, y, partners[y, x]])
+    if tables is None:
+        return pair
+    return replace(
+        pair, left=np.stack([t[channel] for t, channel in zip(tables, pair.left, strict=True)])
+    )
+
+
+def aggregate(
+    pair: ColourPair, noise: float, pool: ThreadPoolExecutor, *, colour: bool = True
+) -> Winners:
+    """
+    Aggregate the costs of all candidates and find the winners of both eyes.
+
+    Parameters
+    ----------
+    pair : ColourPair
+    noise : float
+        Noise of the grey levels.
+    pool : ThreadPoolExecutor
+        The tiles do not depend on how many threads it has.
+    colour : bool
+        Whether the colour difference counts, or only the census.
+    """
+    rows, columns = pair.left_grey.shape
+    lanes = -(-pair.candidates // LANES) * LANES
+    cut = HIGH_NOISE_CUT if noise > HIGH_NOISE else LOW_NOISE_CUT
+    reach = MARGIN_COLUMNS + CENSUS_COLUMNS
+    left = _wrapped(pair.left, -MARGIN_COLUMNS, columns + MARGIN_COLUMNS)
+    right = _wrapped(
+        pair.right, pair.first - MARGIN_COLUMNS, pair.first + columns + MARGIN_COLUMNS + lanes
+    )
+    left_grey = _wrapped(_taller(pair.left_grey, CENSUS_ROWS), -reach, columns + reach)
+    right_grey = _wrapped(
+        _taller(pair.right_grey, CENSUS_ROWS),
+        pair.first - reach,
+        pair.first + columns + reach + lanes,
+    )
+    left_seen = _wrapped(pair.left_seen, -MARGIN_COLUMNS, columns + MARGIN_COLUMNS)
+    right_seen = _wrapped(
+        pair.right_seen, pair.first - MARGIN_COLUMNS, pair.first + columns + MARGIN_COLUMNS + lanes
+    )
+    best, margin = (np.empty((rows, columns), np.uint16) for _ in range(2))
+    right_best = np.full((rows, columns), NOBODY, np.uint32)
+    merging = threading.Lock()
+    memory = threading.local()
+
+    def run(tile: tuple[int, int, int, int]) -> None:
+        top, bottom, start, stop = tile
+        height, width = bottom - top, stop - start
+        if not hasattr(memory, 'costs'):
+            memory.costs = np.empty(largest_costs, np.uint8)
+            memory.totals = np.empty(largest_totals, np.uint16)
+        found = np.full((height, width + lanes), NOBODY, np.uint32)
+        match_tile(
+            left, right, left_grey, right_grey, left_seen, right_seen, top, bottom, start, stop,
+            pair.candidates, lanes, round(noise), cut if colour else 0,
+            cut == LOW_NOISE_CUT, memory.costs, memory.totals,
+            best, margin, found,
+        )  # fmt: skip
+        with merging:
+            _merge(right_best[top:bottom], found, pair.first + start)
+
+    tiles = _tiles(rows, columns, lanes)
+    height = max(bottom - top for top, bottom, _, _ in tiles)
+    width = max(stop - start for _, _, start, stop in tiles)
+    largest_totals = height * width * lanes
+    largest_costs = height * (width + 2 * MARGIN_COLUMNS) * lanes
+    for _ in pool.map(run, tiles):
+        pass
+    there = np.take_along_axis(right_best, pair.partners(best), axis=1) & np.uint32(0xFFFF)
+    eyes = np.abs(there.astype(np.int32) - best)
+    return Winners(best, margin, eyes)
+
+
+def _tiles(rows: int, columns: int, lanes: int) -> list[tuple[int, int, int, int]]:
+    """Tiles as (top, bottom, start, stop)."""
+    strips = -(-rows // TILE_ROWS)
+    widest = max(TILE_SIZE * strips // (rows * lanes), MARGIN_COLUMNS)
+    across = max(-(-columns // widest), -(-FEWEST_TILES // strips))
+    edges = [round(strip * rows / strips) for strip in range(strips + 1)]
+    sides = [round(tile * columns / across) for tile in range(across + 1)]
+    return [
+        (top, bottom, start, stop)
+        for top, bottom in pairwise(edges)
+        for start, stop in pairwise(sides)
+        if start < stop
+    ]
+
+
+def _wrapped(array: npt.NDArray[Scalar], start: int, stop: int) -> npt.NDArray[Scalar]:
+    """Columns start … stop − 1 of an array that wraps around."""
+    return np.take(array, np.arange(start, stop), axis=-1, mode='wrap')
+
+
+def _taller(image: Bytes, border: int) -> Bytes:
+    """Image with its first and last row repeated."""
+    return np.pad(image, ((border, border), (0, 0)), mode='edge')
+
+
+def _merge(right_best: npt.NDArray[np.uint32], found: npt.NDArray[np.uint32], column: int) -> None:
+    """Take in the right pixels' best that a tile found from ``column`` on, which wraps around."""
+    columns = right_best.shape[1]
+    start = 0
+    while start < found.shape[1]:
+        at = (column + start) % columns
+        length = min(columns - at, found.shape[1] - start)
+        part = right_best[:, at : at + length]
+        np.minimum(part, found[:, start : start + length], out=part)
+        start += length
+
+
+def refine(
+    pair: ColourPair, winners: Winners, pool: ThreadPoolExecutor
+) -> tuple[Float32Array, Float32Array]:
+    """
+    Find sub-column disparities and probabilities, shape (H, W), for all pixels.
+
+    The bands in which this happens do not show in the result.
+    """
+    values, fraction, weight = evidence(pair, winners, pool)
+    probability = confidence.probability(values)
+    columns = winners.best.shape[1]
+    steps = winners.best.astype(np.int32)
+    estimate = fraction + winners.best
+    estimate += np.float32(pair.first)
+    weight *= probability**2
+    weight += np.float32(refinement.LEAST_WEIGHT)
+    steps[:, ~pair.left_seen] = UNSEEN_STEP
+    halfway, disparity = np.empty_like(estimate), np.empty_like(estimate)
+
+    def along_columns(start: int, stop: int) -> None:
+        refinement.smooth_columns(estimate, weight, steps, pair.left, start, stop, halfway)
+
+    def along_rows(start: int, stop: int) -> None:
+        overlap = min(SMOOTHING_OVERLAP, columns)
+        refinement.smooth_rows(halfway, weight, steps, pair.left, start, stop, overlap, disparity)
+
+    _in_bands(pool, along_columns, columns)
+    _in_bands(pool, along_rows, steps.shape[0])
+    return disparity, probability
+
+
+def evidence(
+    pair: ColourPair, winners: Winners, pool: ThreadPoolExecutor
+) -> tuple[list[Float32Array], Float32Array, Float32Array]:
+    """Features of ``confidence``, and fraction and weight of ``refinement.locate``."""
+    rows, columns = winners.best.shape
+    half = refinement.HALF_WINDOW
+    left = _wrapped(_taller(pair.left_grey, half), -half, columns + half)
+    right = _wrapped(
+        _taller(pair.right_grey, half),
+        pair.first - half - 1,
+        pair.first + columns + pair.candidates + half,
+    )
+    fraction, weight, near, far = (np.empty((rows, columns), np.float32) for _ in range(4))
+    best = winners.best.astype(np.int16)
+    agreed = np.where(winners.eyes <= 1, best, np.int16(confidence.DISAGREES))
+    agreed[:, ~pair.left_seen] = confidence.DISAGREES
+    agreed = _wrapped(
+        np.pad(agreed, ((confidence.FAR, confidence.FAR), (0, 0)), mode='edge'),
+        -confidence.FAR,
+        columns + confidence.FAR,
+    )
+
+    def band(start: int, stop: int) -> None:
+        refinement.locate(left, right, winners.best, start, stop, fraction, weight)
+        confidence.agreement(
+            best, agreed, start, stop, confidence.NEAR, confidence.NEAR_STRIDE, near
+        )
+        confidence.agreement(best, agreed, start, stop, confidence.FAR, confidence.FAR_STRIDE, far)
+
+    _in_bands(pool, band, rows)
+    values = confidence.features(winners.margin, winners.eyes, near, far, fraction, weight)
+    return values, fraction, weight
+
+
+def _in_bands(pool: ThreadPoolExecutor, run: Callable[[int, int], None], length: int) -> None:
+    starts = range(0, length, BAND)
+    for _ in pool.map(lambda start: run(start, min(start + BAND, length)), starts):
+        pass

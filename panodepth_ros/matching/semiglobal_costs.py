@@ -1,0 +1,174 @@
+"""
+Matching costs of a pixel and all its candidates: colour difference and census, one byte each.
+
+The colour difference is Σ over channels of |l − r|, cut off, because what is hidden in one eye
+differs by any amount. The census compares a pixel with the 62 others of the 7 × 9 window around
+it (rows × columns), ``neighbour > centre + margin`` or ``neighbour < centre − margin`` in the
+manner of a chessboard, and the cost counts the comparisons that come out differently. The margin
+is the noise of the images, so that plain surfaces, where comparisons would be tossed coins, cost
+nothing anywhere and take their depth from where they end.
+
+Everything is unsigned bytes and loops run over candidates, which lie side by side in the right
+panorama, so that a vector instruction handles 16 to 64 of them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import int16, types, uint8
+from numba.extending import intrinsic
+
+from panodepth_ros.matching.compiled import kernel
+
+Bytes = npt.NDArray[np.uint8]
+Seen = npt.NDArray[np.bool_]
+
+CENSUS_ROWS = 3
+CENSUS_COLUMNS = 4
+#: Bytes of a census descriptor: 62 bits.
+CENSUS_PLANES = 8
+#: Sum of the channels' differences at which the colour cost is cut off, before doubling.
+LOW_NOISE_CUT, HIGH_NOISE_CUT = 30, 60
+#: Grey noise above which the colour difference is not doubled [grey levels].
+HIGH_NOISE = 1.8
+#: Largest cost of a candidate: 60 of colour, 62 of census.
+LARGEST_COST = 122
+#: Cost of a candidate in a column that nobody saw: between a good match and a bad one.
+UNSEEN_COST = 45
+
+
+def _count_bits(typing_context: Any, value: Any) -> Any:
+    """Number of ones in a byte, one instruction where the processor has it."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.ctpop(arguments[0])
+
+    return types.uint8(types.uint8), generate
+
+
+_bit_count = intrinsic(_count_bits)
+
+
+def grey_noise(grey: Bytes) -> float:
+    """
+    Standard deviation of the noise of a grey image [grey levels].
+
+    The mean of a mask that no plane passes, over windows of 9 × 9 pixels without clipped ones;
+    the calmest tenth of the windows is taken for free of texture. Immerkær, "Fast noise variance
+    estimation", 1996.
+    """
+    mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+    response = np.abs(cv2.filter2D(grey, cv2.CV_32F, mask, borderType=cv2.BORDER_REFLECT))
+    clipped = ((grey <= 8) | (grey >= 247)).astype(np.uint8)
+    usable = cv2.blur(clipped, (9, 9)) == 0
+    if not usable.any():
+        return 0.0
+    responses = cv2.blur(response, (9, 9))[usable]
+    tenth = responses.size // 10
+    return float(np.partition(responses, tenth)[tenth]) * math.sqrt(math.pi / 2) / 6
+
+
+@kernel
+def census(grey: Bytes, margin: int, planes: Bytes) -> None:
+    """
+    Census descriptors of a region.
+
+    Parameters
+    ----------
+    grey : ndarray of uint8, shape (h + 6, w + 8)
+        The region with a border of half a window.
+    margin : int
+        By how much a neighbour must differ [grey levels].
+    planes : ndarray of uint8, shape (8, h, w)
+        Receives the bits.
+    """
+    height, width = planes.shape[1], planes.shape[2]
+    planes[:] = uint8(0)
+    for y in range(height):
+        centre = grey[y + CENSUS_ROWS, CENSUS_COLUMNS : CENSUS_COLUMNS + width]
+        bit = 0
+        for j in range(2 * CENSUS_ROWS + 1):
+            for i in range(2 * CENSUS_COLUMNS + 1):
+                if j == CENSUS_ROWS and i == CENSUS_COLUMNS:
+                    continue
+                other = grey[y + j, i : i + width]
+                plane = planes[bit >> 3, y]
+                value = uint8(1 << (bit & 7))
+                if (j + i) & 1:
+                    for x in range(width):
+                        if int16(other[x]) > int16(int16(centre[x]) + int16(margin)):
+                            plane[x] |= value
+                else:
+                    for x in range(width):
+                        if int16(other[x]) < int16(int16(centre[x]) - int16(margin)):
+                            plane[x] |= value
+                bit += 1
+
+
+@kernel
+def candidate_costs(
+    left: Bytes, right: Bytes, left_census: Bytes, right_census: Bytes, left_seen: Seen,
+    right_seen: Seen, y: int, census_y: int, start: int, census_start: int, cut: int,
+    doubled: bool, filler: int, candidates: int, costs: Bytes,
+) -> None:  # fmt: skip
+    """
+    Costs of all candidates of a stretch of one row.
+
+    Parameters
+    ----------
+    left, right : ndarray of uint8, shapes (3, H, W') and (3, H, W'' >= W' + lanes)
+        Colours; candidate k of column x is column x + k of ``right``.
+    left_census, right_census : ndarray of uint8, shapes (8, h, w) and (8, h, w + lanes)
+        Census of a region whose first column is column ``start − census_start``.
+    left_seen, right_seen : ndarray of bool, shapes (W',) and (W'',)
+        Columns that a frame saw.
+    y, census_y : int
+        The row in the colours and in the census.
+    start, census_start : int
+        First column in the colours and in the census.
+    cut : int
+        Where the sum of colour differences is cut off.
+    doubled : bool
+        Whether the colour difference counts twice.
+    filler : int
+        Cost of candidates beyond ``candidates``, which only fill up the vectors.
+    candidates : int
+        Number of candidates.
+    costs : ndarray of uint8, shape (n, lanes)
+        Receives the costs; 0 for all candidates of a left column that was not seen.
+    """
+    lanes = costs.shape[1]
+    ceiling = uint8(cut)
+    for x in range(costs.shape[0]):
+        out = costs[x]
+        at = start + x
+        if not left_seen[at]:
+            out[:] = uint8(0)
+            continue
+        blue, green, red = left[0, y, at], left[1, y, at], left[2, y, at]
+        blues = right[0, y, at : at + lanes]
+        greens = right[1, y, at : at + lanes]
+        reds = right[2, y, at : at + lanes]
+        for k in range(lanes):
+            b = min(uint8(max(blue, blues[k]) - min(blue, blues[k])), ceiling)
+            g = min(uint8(max(green, greens[k]) - min(green, greens[k])), ceiling)
+            r = min(uint8(max(red, reds[k]) - min(red, reds[k])), ceiling)
+            out[k] = min(uint8(uint8(b + g) + r), ceiling)
+        if doubled:
+            for k in range(lanes):
+                out[k] = uint8(out[k] + out[k])
+        for plane in range(CENSUS_PLANES):
+            bits = left_census[plane, census_y, census_start + x]
+            others = right_census[plane, census_y, census_start + x : census_start + x + lanes]
+            for k in range(lanes):
+                out[k] = uint8(out[k] + _bit_count(uint8(bits ^ others[k])))
+        seen = right_seen[at : at + lanes]
+        for k in range(lanes):
+            out[k] = out[k] if seen[k] else uint8(UNSEEN_COST)
+        for k in range(candidates, lanes):
+            out[k] = filler
