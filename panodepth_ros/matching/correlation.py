@@ -237,9 +237,13 @@ def add_row(
 
 @kernel
 def vertex(before: float, peak: float, after: float) -> float:
-    """Where between its neighbours a parabola through three scores peaks, −0.5 … 0.5."""
+    """
+    Where between its neighbours a parabola through three scores peaks, −0.5 … 0.5.
+
+    0 where the middle one is no proper maximum or a neighbour is NaN.
+    """
     curvature = before - peak - peak + after
-    if peak < before or peak < after or curvature >= 0:
+    if not (peak >= before and peak >= after and curvature < 0):
         return float32(0)  # type: ignore[no-any-return]  # numba has no types
     return (before - after) / (curvature + curvature)
 
@@ -298,8 +302,8 @@ def match_correlation(pair: PaddedPair, numbers: Int32Array) -> Float32Array:
     rows, columns = numbers.shape
     lanes = pair.codes.size
     result = np.full((rows, columns), np.nan, np.float32)
-    left_complete = _complete(pair.left_seen, columns)
-    right_complete = _complete(pair.right_seen, columns + lanes)
+    left_complete = complete_windows(pair.left_seen, columns)
+    right_complete = complete_windows(pair.right_seen, columns + lanes)
     lane_sums = np.empty(LANES, np.int32)
     for y in range(rows):
         if y % STATISTICS_ROWS == 0:
@@ -329,7 +333,7 @@ def match_correlation(pair: PaddedPair, numbers: Int32Array) -> Float32Array:
 
 
 @kernel
-def _complete(seen: Int32Array, columns: int) -> npt.NDArray[np.bool_]:
+def complete_windows(seen: Int32Array, columns: int) -> npt.NDArray[np.bool_]:
     """Whether all columns of a window were seen, for the windows of the first columns."""
     complete = np.empty(columns, np.bool_)
     for x in range(columns):

@@ -23,6 +23,7 @@ WINDOW_HALF_WIDTH = 4
 
 _MODULES = {
     'ncc': ('panodepth_ros.matching.ncc', 'match_ncc'),
+    'sparse': ('panodepth_ros.matching.sparse', 'match_sparse'),
     'sgbm': ('panodepth_ros.matching.opencv', 'match_sgbm'),
     'bm': ('panodepth_ros.matching.opencv', 'match_bm'),
 }

@@ -273,7 +273,7 @@ def _match_row_masked(
             continue
         number = named_candidate(best, shift, lanes)
         offset = float32(0)
-        if 0 < number < candidates - 1 and not np.isnan(rho[number - 1] + rho[number + 1]):
+        if 0 < number < candidates - 1:
             offset = vertex(rho[number - 1], rho[number], rho[number + 1])
         bests.numbers[row, column] = number
         bests.disparity[row, column] = float32(pair.first + number) + offset
