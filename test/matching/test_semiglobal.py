@@ -1,0 +1,245 @@
+"""The semi-global matching, against disparities that are known."""
+
+from __future__ import annotations
+
+import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from matching_scenes import noise_image, pair_of, shifted_pair, texture
+
+from panodepth_ros.geometry import Panorama
+from panodepth_ros.matching import confidence, refinement, semiglobal, semiglobal_paths
+from panodepth_ros.matching.interface import Correspondence
+
+ROWS, COLUMNS, CANDIDATES = 40, 320, 45
+
+
+def matched(pair: tuple[Panorama, Panorama], threads: int = 1) -> Correspondence:
+    return semiglobal.match_semiglobal(*pair, (), threads)
+
+
+def slanted(rows: int = ROWS, columns: int = COLUMNS) -> npt.NDArray[np.float64]:
+    """A disparity that wanders smoothly around the turn between 12.3 and 31.7."""
+    x = 2 * np.pi * np.arange(columns) / columns
+    return np.tile(22.0 + 9.7 * np.sin(x), (rows, 1))
+
+
+def wandering_pair(noise: float = 1.0, seed: int = 1) -> tuple[npt.NDArray[np.uint8], ...]:
+    rng = np.random.default_rng(seed)
+    return shifted_pair(texture(rng, ROWS, COLUMNS), slanted(), noise=noise, rng=rng)
+
+
+def occluded_pair(seed: int = 2) -> tuple[npt.NDArray[np.uint8], ...]:
+    """
+    A near board before a far wall: left, right, true disparity, what only the left eye sees.
+
+    The wall is at disparity 40, the board at 20 covers the columns 100 … 159 of the left image.
+    """
+    rng = np.random.default_rng(seed)
+    wall, board = noise_image(rng, ROWS, COLUMNS), noise_image(rng, ROWS, 60)
+    left, right = np.roll(wall, -40, axis=1), wall.copy()
+    left[:, 100:160] = board
+    right[:, 120:180] = board
+    disparity = np.full((ROWS, COLUMNS), 40.0)
+    disparity[:, 100:160] = 20.0
+    hidden = np.zeros((ROWS, COLUMNS), bool)
+    hidden[:, 80:100] = True  # their right column 120 … 139 shows the board
+    return left, right, disparity, hidden
+
+
+def test_sub_column_disparity_of_a_smooth_surface_without_pixel_locking() -> None:
+    left, right = wandering_pair()
+    found = matched(pair_of(left, right, CANDIDATES)).column_disparity
+    error = found - slanted()
+    assert np.isfinite(found).mean() > 0.99
+    assert np.nanmedian(np.abs(error)) < 0.05
+    # A parabola through aggregated costs pulls towards whole columns: an error that is a sine of
+    # the fraction. What is left of it must be small beside that of a fit of 0.1 columns.
+    fraction = slanted() - np.rint(slanted())
+    locking = np.nanmean(error * np.sin(2 * np.pi * fraction))
+    assert abs(locking) < 0.01
+
+
+def test_a_plain_board_takes_its_depth_from_its_edges() -> None:
+    left, right, disparity, hidden = occluded_pair()
+    left[:, 106:154] = right[:, 126:174] = 128
+    found = matched(pair_of(left, right, CANDIDATES)).column_disparity
+    plain = np.zeros_like(hidden)
+    plain[:, 106:154] = True
+    wrong = np.abs(found - disparity)[plain] > 1
+    assert wrong.mean() < 0.02
+
+
+def test_what_only_one_eye_sees_is_not_matched() -> None:
+    left, right, disparity, hidden = occluded_pair()
+    found = matched(pair_of(left, right, CANDIDATES))
+    assert np.isfinite(found.column_disparity[hidden]).mean() < 0.1
+    seen_by_both = np.isfinite(found.column_disparity) & ~hidden
+    assert seen_by_both.sum() > 0.97 * (~hidden).sum()
+    assert np.all(np.abs(found.column_disparity - disparity)[seen_by_both] <= 1)
+
+
+def test_confidence_is_a_probability_where_there_is_a_disparity() -> None:
+    left, right, _, _ = occluded_pair()
+    found = matched(pair_of(left, right, CANDIDATES))
+    matched_pixels = np.isfinite(found.column_disparity)
+    assert np.array_equal(matched_pixels, np.isfinite(found.confidence))
+    assert found.confidence[matched_pixels].min() >= semiglobal.LEAST_CONFIDENCE
+    assert found.confidence[matched_pixels].max() <= 1
+
+
+def test_unrelated_images_are_not_trusted() -> None:
+    rng = np.random.default_rng(3)
+    pair = pair_of(noise_image(rng, ROWS, COLUMNS), noise_image(rng, ROWS, COLUMNS), CANDIDATES)
+    found = matched(pair)
+    assert np.isfinite(found.column_disparity).mean() < 0.1
+    assert not np.any(found.confidence > 0.9)
+
+
+@pytest.mark.parametrize('columns_rolled', [1, 7, 159, -3])
+def test_rolling_both_panoramas_rolls_the_result(columns_rolled: int) -> None:
+    left, right = wandering_pair(noise=3.0)
+    here = matched(pair_of(left, right, CANDIDATES))
+    rolled = [np.roll(image, columns_rolled, axis=1) for image in (left, right)]
+    there = matched(pair_of(*rolled, CANDIDATES))
+    for name in ('column_disparity', 'confidence'):
+        expected = np.roll(getattr(here, name), columns_rolled, axis=1)
+        np.testing.assert_array_equal(getattr(there, name), expected)
+
+
+def test_threads_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(semiglobal, 'BAND', 7)
+    left, right = wandering_pair(noise=3.0)
+    one = matched(pair_of(left, right, CANDIDATES), threads=1)
+    three = matched(pair_of(left, right, CANDIDATES), threads=3)
+    assert one.column_disparity.tobytes() == three.column_disparity.tobytes()
+    assert one.confidence.tobytes() == three.confidence.tobytes()
+
+
+def test_tiles_hardly_show(monkeypatch: pytest.MonkeyPatch) -> None:
+    left, right = wandering_pair(noise=3.0)
+    whole = matched(pair_of(left, right, CANDIDATES)).column_disparity
+    monkeypatch.setattr(semiglobal, 'TILE_ROWS', 16)
+    monkeypatch.setattr(semiglobal, 'FEWEST_TILES', 30)
+    tiled = matched(pair_of(left, right, CANDIDATES)).column_disparity
+    np.testing.assert_array_less(np.abs(tiled - whole)[np.isfinite(tiled - whole)], 0.5)
+    assert np.mean(np.isfinite(tiled) != np.isfinite(whole)) < 0.005
+
+
+def test_unseen_columns_are_nan_and_spoil_no_neighbour() -> None:
+    left, right = wandering_pair()
+    left_seen, right_seen = np.ones((2, COLUMNS), bool)
+    left_seen[[50, 51, 52, 200]] = False
+    right_seen[[10, 120]] = False
+    # What stands in an unseen column must not matter.
+    left[:, ~left_seen] = 255
+    right[:, ~right_seen] = 0
+    pair = pair_of(left, right, CANDIDATES, left_seen=left_seen, right_seen=right_seen)
+    found = matched(pair)
+    assert np.all(np.isnan(found.column_disparity[:, ~left_seen]))
+    assert np.all(np.isnan(found.confidence[:, ~left_seen]))
+    error = np.abs(found.column_disparity - slanted())
+    beside = [47, 48, 49, 53, 54, 55, 198, 199, 201, 202]
+    assert np.isfinite(error[:, beside]).mean() > 0.95
+    assert np.nanmax(error[:, beside]) < 1
+    # Where the right eye has the gap there may be no match, but no wrong one.
+    assert np.nanmax(error) < 1
+    assert np.isfinite(error[:, left_seen]).mean() > 0.97
+
+
+def test_partial_sweep_is_matched_where_both_eyes_saw() -> None:
+    left, right = wandering_pair()
+    seen = np.zeros(COLUMNS, bool)
+    seen[40:200] = True
+    pair = pair_of(left, right, CANDIDATES, left_seen=seen, right_seen=seen)
+    found = matched(pair).column_disparity
+    assert np.all(np.isnan(found[:, ~seen]))
+    inside = found[:, 45:160]
+    assert np.isfinite(inside).mean() > 0.97
+    assert np.nanmax(np.abs(inside - slanted()[:, 45:160])) < 1
+
+
+@pytest.mark.parametrize(('gain', 'offset'), [(1.1, 0.0), (1.0, 12.0), (0.9, 8.0)])
+def test_another_exposure_of_one_eye_changes_little(gain: float, offset: float) -> None:
+    left, right = wandering_pair()
+    brighter = np.clip(np.rint(gain * (0.7 * right.astype(float) + 30) + offset), 0, 255)
+    plainer = np.clip(np.rint(0.7 * left.astype(float) + 30), 0, 255).astype(np.uint8)
+    found = matched(pair_of(plainer, brighter.astype(np.uint8), CANDIDATES)).column_disparity
+    assert np.isfinite(found).mean() > 0.97
+    assert np.nanmax(np.abs(found - slanted())) < 1
+
+
+def test_colour_tells_apart_what_is_equally_bright() -> None:
+    rng = np.random.default_rng(4)
+    # Vertical stripes of 8 columns in colours that all have grey level 110.
+    stripes = []
+    for _ in range(COLUMNS // 8):
+        blue, red = rng.uniform(40, 180, 2)
+        green = (110 - 0.114 * blue - 0.299 * red) / 0.587
+        stripes.append([blue, green, red])
+    image = np.tile(np.repeat(stripes, 8, axis=0), (ROWS, 1, 1))
+    image = np.clip(image + rng.normal(0, 1, image.shape), 0, 255).astype(np.uint8)
+    left = np.roll(image, -20, axis=1)
+    found = matched(pair_of(left, image, CANDIDATES)).column_disparity
+    assert np.mean(np.abs(found - 20) <= 1) > 0.9
+
+
+def test_memory_does_not_grow_with_the_number_of_candidates_times_the_image() -> None:
+    rng = np.random.default_rng(5)
+    rows, columns, candidates = 144, 3600, 500
+    right = noise_image(rng, rows, columns)
+    left = np.roll(right, -250, axis=1)
+    tracemalloc.start()
+    try:
+        found = matched(pair_of(left, right, candidates), threads=2)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert np.mean(np.abs(found.column_disparity - 250) < 0.5) > 0.99
+    # The costs alone would take a byte for each of 259 million pixels times candidates.
+    assert peak < 110e6
+
+
+def test_too_small_panorama_is_refused() -> None:
+    rng = np.random.default_rng(6)
+    image = noise_image(rng, 8, 100)
+    with pytest.raises(ValueError, match='panorama has 8 rows; allowed: at least 9'):
+        matched(pair_of(image, image, 20))
+
+
+def test_prepare_leaves_nothing_to_compile() -> None:
+    semiglobal.prepare()
+    kernels = [
+        semiglobal_paths.match_tile,
+        refinement.locate,
+        refinement.smooth_columns,
+        refinement.smooth_rows,
+        confidence.agreement,
+    ]
+    compiled = [len(kernel.signatures) for kernel in kernels]
+    assert min(compiled) == 1
+    left, right = wandering_pair()
+    seen = np.ones(COLUMNS, bool)
+    seen[5] = False
+    for pair in (
+        pair_of(left, right, CANDIDATES, left_seen=seen),
+        pair_of(np.stack([left] * 3, axis=2), np.stack([right] * 3, axis=2), CANDIDATES),
+    ):
+        matched(pair)
+    assert [len(kernel.signatures) for kernel in kernels] == compiled
+
+
+def test_aggregation_finds_the_exact_optimum_on_one_row_of_one_path() -> None:
+    """Without vertical neighbours and with one clear winner everywhere, the winner is exact."""
+    rng = np.random.default_rng(7)
+    image = noise_image(rng, ROWS, COLUMNS)
+    pair = pair_of(np.roll(image, -17, axis=1), image, CANDIDATES)
+    opened, _ = semiglobal.cut_open(*pair)
+    with ThreadPoolExecutor(1) as pool:
+        winners = semiglobal.aggregate(opened, 0.0, pool)
+    assert np.all(winners.best + opened.first == 17)
+    assert np.all(winners.eyes == 0)
+    assert winners.margin.min() > 0
