@@ -52,8 +52,9 @@ class Processes:
         ProcessError
             With the last lines that the process printed.
         """
-        for name, process in self._running.items():
+        for name, process in list(self._running.items()):
             if process.poll() is not None:
+                del self._running[name]
                 raise ProcessError(
                     f'{name} ended with code {process.returncode}:\n{self._tail(name)}'
                 )

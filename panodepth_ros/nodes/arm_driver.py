@@ -124,8 +124,8 @@ class ArmDriver(Node):
         super().__init__(
             'arm_driver', automatically_declare_parameters_from_overrides=True, **node_args
         )
-        self._table = declare_parameters(self, ArmDriverParameters, self._on_parameters)
-        self._grid = _Grid(self._table.step)
+        self._settings = declare_parameters(self, ArmDriverParameters, self._on_parameters)
+        self._grid = _Grid(self._settings.step)
         self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._running = ''  # name of the command that runs
         self._last_state: ArmState | None = None
@@ -156,8 +156,8 @@ class ArmDriver(Node):
             self._close()
             raise
         self.get_logger().info(
-            f'arm on port {self._table.port} is ready; one step is '
-            f'{math.degrees(self._table.step):.7g}°'
+            f'arm on port {self._settings.port} is ready; one step is '
+            f'{math.degrees(self._settings.step):.7g}°'
         )
 
     def destroy_node(self) -> None:
@@ -216,7 +216,7 @@ class ArmDriver(Node):
     def _work(self) -> None:
         while not self._ending:
             try:
-                job = self._jobs.get(timeout=1.0 / self._table.status_rate)
+                job = self._jobs.get(timeout=1.0 / self._settings.status_rate)
             except queue.Empty:
                 self._watch()
             else:
@@ -289,21 +289,21 @@ class ArmDriver(Node):
 
     def _open(self) -> GrblArm:
         return GrblArm(
-            self._table.port,
-            baud_rate=self._table.baud_rate,
-            axis=self._table.axis,
-            speed=math.radians(self._table.speed_deg_s),
-            settle_time=self._table.settle_time,
-            response_timeout=self._table.response_timeout,
-            status_period=1.0 / self._table.status_rate,
+            self._settings.port,
+            baud_rate=self._settings.baud_rate,
+            axis=self._settings.axis,
+            speed=math.radians(self._settings.speed_deg_s),
+            settle_time=self._settings.settle_time,
+            response_timeout=self._settings.response_timeout,
+            status_period=1.0 / self._settings.status_rate,
             clock=lambda: int(self.get_clock().now().nanoseconds),
             listener=self._publish_state,
         )
 
     def _check_step(self, arm: GrblArm) -> None:
-        if abs(self._table.step) < 0.999 * arm.motor_step:
+        if abs(self._settings.step) < 0.999 * arm.motor_step:
             raise ValueError(
-                f'step_deg is {self._table.step_deg}: smaller than a motor step; allowed: '
+                f'step_deg is {self._settings.step_deg}: smaller than a motor step; allowed: '
                 f'{math.degrees(arm.motor_step):.4g} and more on this arm'
             )
         if arm.releases_motor:
@@ -323,7 +323,7 @@ class ArmDriver(Node):
             self._arm.close()
 
     def _on_parameters(self, parameters: ArmDriverParameters) -> None:
-        self._table = parameters
+        self._settings = parameters
         if self._arm is not None:
             self._arm.status_period = 1.0 / parameters.status_rate
 
@@ -331,7 +331,7 @@ class ArmDriver(Node):
 
     def _publish_state(self, state: ArmState) -> None:
         self._last_state = state
-        message = JointState(name=[self._table.joint_name])
+        message = JointState(name=[self._settings.joint_name])
         message.header.stamp = Time(nanoseconds=state.stamp).to_msg()
         message.position = [state.azimuth]
         message.velocity = [state.velocity]
@@ -353,9 +353,9 @@ class ArmDriver(Node):
             level, summary = DiagnosticStatus.OK, self._running or 'standing'
         known = state is not None and level == DiagnosticStatus.OK
         status = DiagnosticStatus(level=level, name='arm_driver: arm', message=summary)
-        status.hardware_id = self._table.port
+        status.hardware_id = self._settings.port
         status.values = [
-            KeyValue(key='port', value=self._table.port),
+            KeyValue(key='port', value=self._settings.port),
             KeyValue(
                 key='position_deg',
                 value=f'{math.degrees(state.azimuth):.3f}' if known and state else 'unknown',
