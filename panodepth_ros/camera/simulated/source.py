@@ -1,0 +1,127 @@
+"""The simulated camera: exposes at its own rate, wherever the simulated arm then stands."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+
+from panodepth_ros.arm.truth import TruthError, TruthReader
+from panodepth_ros.camera.simulated.room import Room, RoomCamera
+from panodepth_ros.camera.source import (
+    Frame,
+    Image,
+    Schedule,
+    SourceClosedError,
+    SourceError,
+    SourceLostError,
+    to_grey,
+)
+
+#: How long an arm that starts at the same time may take to begin its truth file [s].
+_ARM_START_TIMEOUT = 10.0
+#: How often a missing truth file is looked for [s].
+_LOOK_PERIOD = 0.05
+
+
+class SimulatedSource:
+    """
+    A free-running camera on the simulated arm.
+
+    Its exposures are short: each sees the arm where it truly is at the start of the exposure,
+    moving or not. Exposures that come while a frame is still rendered are skipped.
+
+    Parameters
+    ----------
+    room : Room
+        What it sees.
+    camera : RoomCamera
+        Its lens.
+    arm_radius : float
+        Axis to optical centre [m].
+    arm_truth : str
+        Path of the simulated arm's truth file.
+    framerate : float
+        Exposures per second [Hz].
+    noise_stddev : float
+        Standard deviation of the sensor's noise [grey levels].
+    seed : int
+        Of the noise.
+    grey : bool
+        Whether frames are handed out grey.
+    stop : threading.Event
+        Ends a read.
+
+    Raises
+    ------
+    SourceLostError
+        If there is no truth file, even after a while.
+    """
+
+    def __init__(
+        self,
+        room: Room,
+        camera: RoomCamera,
+        *,
+        arm_radius: float,
+        arm_truth: str,
+        framerate: float,
+        noise_stddev: float,
+        seed: int,
+        grey: bool,
+        stop: threading.Event,
+    ) -> None:
+        self.name = 'simulated room'
+        self.size = (camera.width, camera.height)
+        self._room = room
+        self._camera = camera
+        self._arm_radius = arm_radius
+        self._noise_stddev = noise_stddev
+        self._rng = np.random.default_rng(seed)
+        self._grey = grey
+        self._arm = _wait_for_arm(arm_truth, stop)
+        self._schedule = Schedule(framerate, stop, skips=True)
+
+    @property
+    def skipped(self) -> int:
+        """Exposures that came while a frame was still rendered."""
+        return self._schedule.skipped
+
+    def read(self) -> Frame:
+        """See :meth:`panodepth_ros.camera.source.FrameSource.read`."""
+        stamp = self._schedule.wait()
+        try:
+            arm_azimuth = self._arm.azimuth(stamp)
+        except TruthError as error:
+            raise SourceLostError(str(error)) from error
+        image = self._room.render(arm_azimuth, self._camera, self._arm_radius)
+        noisy = self._noisy(to_grey(image) if self._grey else image)
+        return Frame(noisy, stamp)
+
+    def close(self) -> None:
+        """Let go of the truth file. Idempotent."""
+        self._arm.close()
+
+    def _noisy(self, image: Image) -> Image:
+        if self._noise_stddev == 0.0:
+            return image
+        noise = self._rng.standard_normal(image.shape, np.float32)
+        noise *= np.float32(self._noise_stddev)
+        noise += image
+        noise += np.float32(0.5)
+        return np.clip(noise, 0.0, 255.0, out=noise).astype(np.uint8)
+
+
+def _wait_for_arm(path: str, stop: threading.Event) -> TruthReader:
+    deadline = time.monotonic() + _ARM_START_TIMEOUT
+    while True:
+        try:
+            return TruthReader(path)
+        except TruthError as error:
+            if not isinstance(error.__cause__, FileNotFoundError):
+                raise SourceError(str(error)) from error
+            if time.monotonic() > deadline:
+                raise SourceLostError(f'{error}; is simulated_arm running?') from error
+        if stop.wait(_LOOK_PERIOD):
+            raise SourceClosedError('the simulated camera was closed')
