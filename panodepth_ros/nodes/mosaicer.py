@@ -217,7 +217,7 @@ class Mosaicer(Node):
         self._assembler.drops.clear()
         self._lead = _Lead(0, self._assembler.track.position, newest, time.monotonic())
         self._request_step(self._lead)
-        self._report_progress()
+        self._publish_progress(0.0)
         columns = self._assembler.rig.sweep_columns
         response.message = f'sweep of {columns} columns started'
         self.get_logger().info(response.message)
@@ -304,7 +304,7 @@ class Mosaicer(Node):
     def _give_up(self, reason: str) -> None:
         self._lead = None
         self._assembler.restart((self._assembler.track.newest or 0) + 1)
-        self._report_progress()
+        self._publish_progress(0.0)
         self.get_logger().error(f'sweep given up, nothing is published: {reason}')
         self._report_drops()
 
@@ -340,8 +340,8 @@ class Mosaicer(Node):
         self._assembler.drops.clear()
 
     def _report_progress(self) -> None:
-        sweep = self._assembler.sweep
-        self._publish_progress(sweep.progress if sweep is not None else 0.0)
+        if self._assembler.sweep is not None:
+            self._publish_progress(self._assembler.sweep.progress)
 
     def _publish_progress(self, progress: float) -> None:
         if progress != self._reported:

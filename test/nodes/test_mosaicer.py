@@ -81,6 +81,9 @@ class Bench:
         )
         return self
 
+    def rig_is_ahead(self):
+        return (self.mosaicer._assembler.track.newest or 0) < self.rig.now
+
     def start(self):
         answer = self.call('start')
         assert answer.success, answer.message
@@ -133,8 +136,10 @@ def test_led_sweep_makes_the_panoramas(bench):
         assert math.remainder(beta - math.pi / 2, 2 * math.pi) == pytest.approx(0, abs=1e-9)
     assert bench.rig.steps == COLUMNS
     bench.ros.spin_until(lambda: bench.progress and bench.progress[-1] == 1.0, 'progress')
-    assert bench.progress == sorted(bench.progress)
-    assert len(bench.progress) == COLUMNS + 1
+    assert bench.progress == [pytest.approx(k / COLUMNS) for k in range(COLUMNS + 1)]
+    bench.rig.standing()
+    bench.ros.spin_until(lambda: not bench.rig_is_ahead(), 'the last joint state')
+    assert bench.progress[-1] == 1.0, 'a finished sweep stays finished'
 
 
 def test_stamp_is_the_end_of_the_sweep_and_the_duration_travels(bench):
