@@ -38,8 +38,8 @@ N = WINDOW_HALF_WIDTH
 WIDTH = 2 * N + 1
 #: Columns of a tile; its column sums stay in the second-level cache.
 TILE_COLUMNS = 128
-#: Score of ρ = 1 with the candidate's number below it; leaves a bit of room in 32 bits.
-SCORE_BITS = 29
+#: Score of ρ = 1 before its low bits name the candidate.
+SCORE_UNIT = 2.0**30
 #: Rows whose window statistics are kept at a time.
 STATISTICS_ROWS = 32
 #: A window needs this many seen columns.
@@ -60,10 +60,10 @@ class PaddedPair(NamedTuple):
     left_seen, right_seen : ndarray of int32, shapes (W + LANES,) and (W + M + LANES,)
         1 where seen, else 0.
     codes : ndarray of int32, shape (M,)
-        What is added to a shifted score so that it names its candidate. Of equal scores the
-        smallest disparity wins; numbers that only fill up a vector can never win.
-    shift : int
-        Bits that a candidate's number takes below a score.
+        Goes into the low bits of a candidate's score and names it. Of equal scores the smallest
+        disparity wins; candidates that only fill up a vector make the score negative.
+    name_bits : int
+        Low bits of a score that name its candidate, as a mask.
     first, candidates : int
         Smallest disparity and number of disparities; M is that number in whole vectors.
     """
@@ -73,7 +73,7 @@ class PaddedPair(NamedTuple):
     left_seen: Int32Array
     right_seen: Int32Array
     codes: Int32Array
-    shift: int
+    name_bits: int
     first: int
     candidates: int
 
@@ -108,7 +108,7 @@ def pad(pair: GreyPair) -> PaddedPair:
         left_seen=pair.left_seen[left_columns].astype(np.int32),
         right_seen=pair.right_seen[right_columns].astype(np.int32),
         codes=_codes(candidates, lanes),
-        shift=(lanes - 1).bit_length(),
+        name_bits=(1 << (lanes - 1).bit_length()) - 1,
         first=pair.first,
         candidates=candidates,
     )
@@ -127,7 +127,7 @@ def _centred(
 
 def _codes(candidates: int, lanes: int) -> Int32Array:
     codes = np.arange(lanes - 1, -1, -1, dtype=np.int32)
-    codes[candidates:] = -(2**30)
+    codes[candidates:] = -(2**31)
     return codes
 
 
@@ -249,9 +249,9 @@ def vertex(before: float, peak: float, after: float) -> float:
 
 
 @kernel
-def named_candidate(named: int, shift: int, lanes: int) -> int:
+def named_candidate(named: int, pair: PaddedPair) -> int:
     """Candidate that a score names."""
-    return lanes - 1 - (named & ((1 << shift) - 1))
+    return pair.codes.size - 1 - (named & pair.name_bits)
 
 
 @kernel

@@ -20,7 +20,7 @@ from panodepth_ros.geometry import Panorama
 from panodepth_ros.matching.compiled import kernel
 from panodepth_ros.matching.correlation import (
     MINIMAL_COLUMNS,
-    SCORE_BITS,
+    SCORE_UNIT,
     TILE_COLUMNS,
     WIDTH,
     Float32Array,
@@ -43,7 +43,6 @@ from panodepth_ros.matching.simd import (
     largest,
     load,
     maximum,
-    shift_left,
     splat,
     store,
     to_float,
@@ -162,7 +161,7 @@ def _match_band(
             else:
                 add_row(sums, pair.left, pair.right, y + WIDTH, y, tile, width, lanes)
                 _match_row_masked(pair, y, y - start, rows, tile, width, sums, bests)
-    _keep_consistent(bests, pair.shift, lanes)
+    _keep_consistent(pair, bests)
 
 
 @kernel
@@ -172,8 +171,6 @@ def _match_row(
 ) -> None:  # fmt: skip
     """Move a tile down to row y and match it; every column was seen."""
     codes, lanes = pair.codes, pair.codes.size
-    shift = int32(pair.shift)
-    unit = float32(1 << (SCORE_BITS - shift))
     count = int32(WIDTH * clipped_rows(y, rows))
     below, above = pair.right[y + WIDTH], pair.right[y]
     totals, inverses = right.totals[row], right.inverses[row]
@@ -183,13 +180,13 @@ def _match_row(
     for at in range(lanes, (2 * N + 1) * lanes, lanes):
         for d in range(0, lanes, LANES):
             store(cross, d, load(cross, d) + load(sums, at + d))
-    counts = splat(count)
+    counts, score_bits = splat(count), splat(int32(~pair.name_bits))
     for x in range(width):
         entering = tile + x + 2 * N
         at, at_leaving = (x + 2 * N + 1) * lanes, x * lanes
         new, old = splat(pair.left[y + WIDTH, entering]), splat(pair.left[y, entering])
         total, inverse = left.totals[row, x], left.inverses[row, x]
-        left_total, left_scale = splat(total), splat(float32(inverse * unit))
+        left_total, left_scale = splat(total), splat(float32(inverse * SCORE_UNIT))
         best = splat(int32(0))
         for d in range(0, lanes, LANES):
             added = new * load(below, entering + d)
@@ -200,13 +197,13 @@ def _match_row(
             store(cross, d, products)
             covariance = counts * products - left_total * load(totals, x + d)
             scaled = to_float(covariance) * load(inverses, x + d) * left_scale
-            named = shift_left(to_integer(scaled), shift) + load(codes, d)
+            named = (to_integer(scaled) & score_bits) | load(codes, d)
             best = maximum(best, named)
             store(right_best, x + d, maximum(load(right_best, x + d), named))
         named_best = largest(best)
-        if named_best >> shift == 0:
+        if named_best <= pair.name_bits:
             continue
-        number = named_candidate(named_best, shift, lanes)
+        number = named_candidate(named_best, pair)
         k = number
         peak = float32(count * cross[k] - total * totals[x + k]) * inverses[x + k]
         offset = float32(0)
@@ -228,8 +225,6 @@ def _match_row_masked(
 ) -> None:  # fmt: skip
     """Match a tile's part of row y without the columns that either panorama did not see."""
     lanes, candidates = pair.codes.size, pair.candidates
-    shift = int32(pair.shift)
-    unit = float32(1 << (SCORE_BITS - shift))
     window_rows = clipped_rows(y, rows)
     left_columns = _column_statistics(pair.left, y, tile, width + 2 * N)
     right_columns = _column_statistics(pair.right, y, tile, width + 2 * N + candidates)
@@ -265,13 +260,13 @@ def _match_row_masked(
             right_inverse = inverse_deviation(count, window[3, d], window[4, d])
             covariance = float32(count * window[5, d] - window[1, d] * window[3, d])
             rho[d] = covariance * right_inverse * inverse
-            scaled = covariance * right_inverse * float32(inverse * unit)
-            named = int32((int32(scaled) << shift) + pair.codes[d])
+            scaled = covariance * right_inverse * float32(inverse * SCORE_UNIT)
+            named = int32((int32(scaled) & ~pair.name_bits) | pair.codes[d])
             bests.right[row, column + d] = max(bests.right[row, column + d], named)
             best = max(best, named)
-        if best >> shift == 0:
+        if best <= pair.name_bits:
             continue
-        number = named_candidate(best, shift, lanes)
+        number = named_candidate(best, pair)
         offset = float32(0)
         if 0 < number < candidates - 1:
             offset = vertex(rho[number - 1], rho[number], rho[number + 1])
@@ -293,7 +288,7 @@ def _column_statistics(padded: Int16Array, y: int, start: int, width: int) -> In
 
 
 @kernel
-def _keep_consistent(bests: Bests, shift: int, lanes: int) -> None:
+def _keep_consistent(pair: PaddedPair, bests: Bests) -> None:
     """Unmatch what back-correlation does not confirm."""
     rows, columns = bests.numbers.shape
     for y in range(rows):
@@ -304,7 +299,7 @@ def _keep_consistent(bests: Bests, shift: int, lanes: int) -> None:
             if numbers[x] < 0:
                 continue
             at = x + numbers[x]
-            back = named_candidate(right[at if at < columns else at - columns], shift, lanes)
+            back = named_candidate(right[at if at < columns else at - columns], pair)
             if abs(back - numbers[x]) > BACK_TOLERANCE:
                 bests.disparity[y, x] = np.nan
                 bests.confidence[y, x] = np.nan

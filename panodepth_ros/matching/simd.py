@@ -8,8 +8,8 @@ number by number; that took longer than the arithmetic. Here a kernel says what 
 so the code is the same on every processor. Nothing checks bounds: arrays must be padded to
 whole vectors.
 
-Vectors of one type can be added, subtracted and multiplied with ``+``, ``-`` and ``*``; integers
-wrap.
+Vectors of one type combine with ``+``, ``-`` and ``*``, those of integers, which wrap, also with
+``&`` and ``|``.
 """
 
 from __future__ import annotations
@@ -162,19 +162,9 @@ def _conversion(element: Any, operation: str) -> Any:
     return function
 
 
-def _shift_left(typing: Any, vector: Any, bits: Any) -> Any:
-    """Return the vector with every integer shifted; ``bits`` has the integers' type."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.shl(arguments[0], _spread(builder, arguments[1]))
-
-    return vector(vector, vector.element), generate
-
-
 load = intrinsic(_load)
 store = intrinsic(_store)
 splat = intrinsic(_splat)
-shift_left = intrinsic(_shift_left)
 #: The larger of two vectors, lane by lane.
 maximum = intrinsic(_extremum('>'))
 #: The largest number in a vector.
@@ -187,3 +177,5 @@ to_integer = intrinsic(_conversion(types.int32, 'fptosi'))
 _overload(operator.add, _arithmetic('add', 'fadd'))
 _overload(operator.sub, _arithmetic('sub', 'fsub'))
 _overload(operator.mul, _arithmetic('mul', 'fmul'))
+_overload(operator.and_, _arithmetic('and_', 'no bits of a real number'))
+_overload(operator.or_, _arithmetic('or_', 'no bits of a real number'))

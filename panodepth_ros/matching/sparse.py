@@ -20,7 +20,7 @@ from numba import float32, int32
 from panodepth_ros.geometry import Panorama
 from panodepth_ros.matching.compiled import kernel
 from panodepth_ros.matching.correlation import (
-    SCORE_BITS,
+    SCORE_UNIT,
     TILE_COLUMNS,
     WIDTH,
     Float32Array,
@@ -43,7 +43,6 @@ from panodepth_ros.matching.simd import (
     largest,
     load,
     maximum,
-    shift_left,
     splat,
     store,
     to_float,
@@ -134,9 +133,9 @@ def _match_edges(
                     named = _correlate(pair, y, y - start, x, sums, left, right, rho)
                 else:
                     named = _correlate_masked(pair, y, column, rho)
-                if named >> pair.shift == 0:
+                if named <= pair.name_bits:
                     continue
-                number = named_candidate(named, pair.shift, lanes)
+                number = named_candidate(named, pair)
                 offset = float32(0)
                 if 0 < number < pair.candidates - 1:
                     offset = vertex(rho[number - 1], rho[number], rho[number + 1])
@@ -164,11 +163,11 @@ def _correlate(
     sums: Int32Array, left: Windows, right: Windows, rho: Float32Array,
 ) -> int:  # fmt: skip
     """Write ρ of a left pixel, column x of the tile, for all candidates; name the best."""
-    lanes, shift = pair.codes.size, int32(pair.shift)
+    lanes = pair.codes.size
     totals, inverses = right.totals[row], right.inverses[row]
     count = splat(int32(WIDTH * clipped_rows(y, pair.left.shape[0] - WIDTH - 1)))
     total, inverse = splat(left.totals[row, x]), splat(left.inverses[row, x])
-    unit = splat(float32(1 << (SCORE_BITS - shift)))
+    unit, score_bits = splat(float32(SCORE_UNIT)), splat(int32(~pair.name_bits))
     best = splat(int32(0))
     for d in range(0, lanes, LANES):
         products = load(sums, (x + 1) * lanes + d)
@@ -177,7 +176,7 @@ def _correlate(
         covariance = count * products - total * load(totals, x + d)
         correlation = to_float(covariance) * load(inverses, x + d) * inverse
         store(rho, d, correlation)
-        named = shift_left(to_integer(correlation * unit), shift) + load(pair.codes, d)
+        named = (to_integer(correlation * unit) & score_bits) | load(pair.codes, d)
         best = maximum(best, named)
     named_best: int = largest(best)
     return named_best
@@ -186,11 +185,10 @@ def _correlate(
 @kernel
 def _correlate_masked(pair: PaddedPair, y: int, x: int, rho: Float32Array) -> int:
     """Do as ``_correlate`` without the columns that either panorama did not see."""
-    unit = float32(1 << (SCORE_BITS - pair.shift))
     best: int = int32(0)
     for d in range(pair.candidates):
         rho[d] = masked_correlation(pair, y, x, d)
         if not np.isnan(rho[d]):
-            named = int32((int32(rho[d] * unit) << pair.shift) + pair.codes[d])
+            named = int32((int32(rho[d] * SCORE_UNIT) & ~pair.name_bits) | pair.codes[d])
             best = max(best, named)
     return best
