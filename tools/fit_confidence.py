@@ -103,7 +103,8 @@ def samples(seed: int, pool: ThreadPoolExecutor) -> tuple[Array, npt.NDArray[np.
     pair, seam = semiglobal.cut_open(panorama(images[0], -angle), panorama(images[1], angle))
     pair = semiglobal.equalised(pair, pool)
     winners = semiglobal.aggregate(pair, grey_noise(pair.left_grey), pool)
-    values, _, _ = semiglobal.evidence(pair, winners, pool)
+    borders = semiglobal.bordered(pair, winners)
+    values, _, _ = semiglobal.evidence(borders, winners, 0, ROWS)
     disparity, _ = semiglobal.refine(pair, winners, pool)
     right_one = np.abs(disparity - np.roll(truth, -seam, axis=1)) <= 1
     columns = [value.ravel()[::5].astype(np.float64) for value in values]

@@ -50,7 +50,7 @@ def agreement(
         Rows to handle.
     half, stride : int
         Neighbourhood: offsets −half, −half + stride … half, without the pixel itself.
-    out : ndarray of float32, shape (H, W)
+    out : ndarray of float32, shape (stop − start, W)
         Receives the share, 0 … 1.
     """
     columns = best.shape[1]
@@ -67,7 +67,7 @@ def agreement(
                 for x in range(columns):
                     votes[x] += np.int16(abs(np.int16(there[x] - here[x])) <= 1)
         for x in range(columns):
-            out[y, x] = share * np.float32(votes[x])
+            out[y - start, x] = share * np.float32(votes[x])
 
 
 def features(

@@ -22,6 +22,7 @@ from panodepth_ros.geometry import Panorama, PanoramaGeometry, check_pair
 WINDOW_HALF_WIDTH = 4
 
 _MODULES = {
+    'semiglobal': ('panodepth_ros.matching.semiglobal', 'match_semiglobal'),
     'ncc': ('panodepth_ros.matching.ncc', 'match_ncc'),
     'sparse': ('panodepth_ros.matching.sparse', 'match_sparse'),
     'sgbm': ('panodepth_ros.matching.opencv', 'match_sgbm'),

@@ -66,9 +66,9 @@ def locate(
         Winning candidate.
     start, stop : int
         Rows to handle.
-    fraction : ndarray of float32, shape (H, W)
+    fraction : ndarray of float32, shape (stop − start, W)
         Receives −1 … 1 to add to the winner; 0 where the parabola is not to be trusted.
-    weight : ndarray of float32, shape (H, W)
+    weight : ndarray of float32, shape (stop − start, W)
         Receives the curvature of the squared difference, the inverse variance of the estimate
         but for the noise; 0 where the parabola is not to be trusted.
     """
@@ -107,8 +107,8 @@ def locate(
                 crosses[1] += here - column[1]
                 crosses[2] += after - column[2]
                 column[0], column[1], column[2] = before, here, after
-            fraction[y, x] = 0.0
-            weight[y, x] = 0.0
+            fraction[y - start, x] = 0.0
+            weight[y - start, x] = 0.0
             total = left_sums[x + side] - left_sums[x]
             spread = float(count * (left_squares[x + side] - left_squares[x]) - total * total)
             textured = spread > 0
@@ -121,14 +121,14 @@ def locate(
             curvature = 2 * rho[1] - rho[0] - rho[2]
             if textured and rho[1] > LEAST_CORRELATION and curvature > LEAST_CURVATURE:
                 vertex = 0.5 * (rho[2] - rho[0]) / curvature
-                fraction[y, x] = min(max(vertex, -1.0), 1.0)
-                weight[y, x] = curvature * spread / (count * count)
+                fraction[y - start, x] = min(max(vertex, -1.0), 1.0)
+                weight[y - start, x] = curvature * spread / (count * count)
 
 
 @kernel
 def smooth_columns(
-    disparity: Float32Array, weight: Float32Array, steps: npt.NDArray[np.int32], image: Bytes,
-    start: int, stop: int, out: Float32Array,
+    disparity: Float32Array, weight: Float32Array, steps: npt.NDArray[np.int16], image: Bytes,
+    start: int, stop: int,
 ) -> None:  # fmt: skip
     """
     Smooth along the columns start … stop − 1.
@@ -136,15 +136,14 @@ def smooth_columns(
     Parameters
     ----------
     disparity, weight : ndarray of float32, shape (H, W)
-        Estimates and how much each counts, > 0.
-    steps : ndarray of int32, shape (H, W)
+        Estimates d, which the minimiser of Σ w (x − d)² + Σ c (x − x')² replaces, and how much
+        each counts, w > 0.
+    steps : ndarray of int16, shape (H, W)
         Whole candidates: neighbours that differ by more than one do not pull.
     image : ndarray of uint8, shape (3, H, W)
         Colours: edges hold the pull off.
     start, stop : int
         Columns to handle.
-    out : ndarray of float32, shape (H, W)
-        Receives the minimiser of Σ w (x − d)² + Σ c (x − x')².
     """
     rows = disparity.shape[0]
     width = stop - start
@@ -155,7 +154,7 @@ def smooth_columns(
             x = start + k
             above = pull[k]
             below = np.float32(0)
-            if y + 1 < rows and abs(steps[y + 1, x] - steps[y, x]) <= 1:
+            if y + 1 < rows and abs(int32(steps[y + 1, x]) - int32(steps[y, x])) <= 1:
                 edge = int32(0)
                 for c in range(3):
                     edge = max(edge, abs(int32(image[c, y + 1, x]) - int32(image[c, y, x])))
@@ -165,19 +164,19 @@ def smooth_columns(
             diagonal = weight[y, x] + above + below
             if y > 0:
                 diagonal -= above * ratio[y - 1, k]
-                carried = above * out[y - 1, x]
+                carried = above * disparity[y - 1, x]
             ratio[y, k] = below / diagonal
-            out[y, x] = (right_side + carried) / diagonal
+            disparity[y, x] = (right_side + carried) / diagonal
             pull[k] = below
     for y in range(rows - 2, -1, -1):
         for k in range(width):
-            out[y, start + k] += ratio[y, k] * out[y + 1, start + k]
+            disparity[y, start + k] += ratio[y, k] * disparity[y + 1, start + k]
 
 
 @kernel
 def smooth_rows(
-    disparity: Float32Array, weight: Float32Array, steps: npt.NDArray[np.int32], image: Bytes,
-    start: int, stop: int, overlap: int, out: Float32Array,
+    disparity: Float32Array, weight: Float32Array, steps: npt.NDArray[np.int16], image: Bytes,
+    start: int, stop: int, overlap: int,
 ) -> None:  # fmt: skip
     """
     Smooth along the rows start … stop − 1, which wrap around.
@@ -195,7 +194,7 @@ def smooth_rows(
             x = (k - overlap) % columns
             after = np.float32(0)
             following = (x + 1) % columns
-            if k + 1 < length and abs(steps[y, following] - steps[y, x]) <= 1:
+            if k + 1 < length and abs(int32(steps[y, following]) - int32(steps[y, x])) <= 1:
                 edge = int32(0)
                 for c in range(3):
                     edge = max(edge, abs(int32(image[c, y, following]) - int32(image[c, y, x])))
@@ -210,4 +209,4 @@ def smooth_rows(
             before = after
         for k in range(length - 2, -1, -1):
             value[k] += ratio[k] * value[k + 1]
-        out[y] = value[overlap : overlap + columns]
+        disparity[y] = value[overlap : overlap + columns]

@@ -8,6 +8,7 @@ what only one eye sees, refined (``refinement``) and given a probability (``conf
 
 from __future__ import annotations
 
+import mmap
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -35,7 +36,9 @@ from panodepth_ros.matching.semiglobal_costs import (
 from panodepth_ros.matching.semiglobal_paths import (
     LANES,
     MARGIN_COLUMNS,
+    MARGIN_ROWS,
     NOBODY,
+    disagreement,
     match_tile,
 )
 
@@ -46,9 +49,9 @@ Scalar = TypeVar('Scalar', bound=np.generic)
 #: Disparities that are less probably right than this count as unmatched.
 LEAST_CONFIDENCE = 0.4
 #: Most rows of a tile, most pixels times candidates, and fewest tiles.
-TILE_ROWS, TILE_SIZE, FEWEST_TILES = 128, 11_000_000, 4
-#: Rows or columns that one call of the other kernels handles.
-BAND = 32
+TILE_ROWS, TILE_SIZE, FEWEST_TILES = 128, 9_000_000, 4
+#: Columns, and rows, that one call of the other kernels handles.
+COLUMN_BAND, ROW_BAND = 64, 8
 #: Columns beyond either end along which a row is smoothed.
 SMOOTHING_OVERLAP = 64
 #: Size of the panoramas in which exposure is compared, as a fraction.
@@ -100,13 +103,13 @@ class Winners:
         Number of the best candidate.
     margin : ndarray of uint16
         Aggregated cost of the next best one that is not its neighbour, minus its own.
-    eyes : ndarray of int32
-        By how many columns the right pixel's best candidate differs.
+    eyes : ndarray of uint8
+        By how many columns the right pixel's best candidate differs, at most 255.
     """
 
     best: npt.NDArray[np.uint16]
     margin: npt.NDArray[np.uint16]
-    eyes: npt.NDArray[np.int32]
+    eyes: Bytes
 
 
 def match_semiglobal(
@@ -124,8 +127,7 @@ def match_semiglobal(
         noise = grey_noise(pair.left_grey)
         winners = aggregate(pair, noise, pool)
         disparity, probability = refine(pair, winners, pool)
-    unmatched = ~pair.left_seen | ~pair.right_seen[pair.partners(winners.best)]
-    unmatched |= probability < LEAST_CONFIDENCE
+    unmatched = probability < LEAST_CONFIDENCE
     disparity[unmatched] = np.nan
     probability[unmatched] = np.nan
     return Correspondence(np.roll(disparity, seam, axis=1), np.roll(probability, seam, axis=1))
@@ -133,9 +135,10 @@ def match_semiglobal(
 
 def prepare() -> None:
     """Compile the kernels."""
-    image = np.random.default_rng(0).integers(0, 256, (BAND, 2 * BAND)).astype(np.uint8)
-    colours, seen = np.stack([image] * 3), np.ones(2 * BAND, np.bool_)
-    pair = ColourPair(colours, colours, image, image, seen, seen, first=0, candidates=BAND)
+    size = 2 * LANES
+    image = np.random.default_rng(0).integers(0, 256, (LANES, size)).astype(np.uint8)
+    colours, seen = np.stack([image] * 3), np.ones(size, np.bool_)
+    pair = ColourPair(colours, colours, image, image, seen, seen, first=0, candidates=LANES)
     with ThreadPoolExecutor(1) as pool:
         refine(pair, aggregate(pair, 1.0, pool), pool)
 
@@ -242,21 +245,6 @@ def aggregate(
     rows, columns = pair.left_grey.shape
     lanes = -(-pair.candidates // LANES) * LANES
     cut = HIGH_NOISE_CUT if noise > HIGH_NOISE else LOW_NOISE_CUT
-    reach = MARGIN_COLUMNS + CENSUS_COLUMNS
-    left = _wrapped(pair.left, -MARGIN_COLUMNS, columns + MARGIN_COLUMNS)
-    right = _wrapped(
-        pair.right, pair.first - MARGIN_COLUMNS, pair.first + columns + MARGIN_COLUMNS + lanes
-    )
-    left_grey = _wrapped(_taller(pair.left_grey, CENSUS_ROWS), -reach, columns + reach)
-    right_grey = _wrapped(
-        _taller(pair.right_grey, CENSUS_ROWS),
-        pair.first - reach,
-        pair.first + columns + reach + lanes,
-    )
-    left_seen = _wrapped(pair.left_seen, -MARGIN_COLUMNS, columns + MARGIN_COLUMNS)
-    right_seen = _wrapped(
-        pair.right_seen, pair.first - MARGIN_COLUMNS, pair.first + columns + MARGIN_COLUMNS + lanes
-    )
     best, margin = (np.empty((rows, columns), np.uint16) for _ in range(2))
     right_best = np.full((rows, columns), NOBODY, np.uint32)
     merging = threading.Lock()
@@ -264,16 +252,16 @@ def aggregate(
 
     def run(tile: tuple[int, int, int, int]) -> None:
         top, bottom, start, stop = tile
-        height, width = bottom - top, stop - start
         if not hasattr(memory, 'costs'):
-            memory.costs = np.empty(largest_costs, np.uint8)
-            memory.totals = np.empty(largest_totals, np.uint16)
-        found = np.full((height, width + lanes), NOBODY, np.uint32)
+            # Pages of its own go back to the system at once, unlike what malloc hands out.
+            memory.costs = np.frombuffer(mmap.mmap(-1, most_costs), np.uint8)
+            memory.totals = np.frombuffer(mmap.mmap(-1, 2 * most_totals), np.uint16)
+        found = np.full((bottom - top, stop - start + lanes), NOBODY, np.uint32)
         match_tile(
-            left, right, left_grey, right_grey, left_seen, right_seen, top, bottom, start, stop,
-            pair.candidates, lanes, round(noise), cut if colour else 0,
-            cut == LOW_NOISE_CUT, memory.costs, memory.totals,
-            best, margin, found,
+            *_surroundings(pair, tile, lanes), top - max(top - MARGIN_ROWS, 0), pair.candidates,
+            round(noise), cut if colour else 0, cut == LOW_NOISE_CUT,
+            memory.costs, memory.totals,
+            best[top:bottom, start:stop], margin[top:bottom, start:stop], found,
         )  # fmt: skip
         with merging:
             _merge(right_best[top:bottom], found, pair.first + start)
@@ -281,13 +269,34 @@ def aggregate(
     tiles = _tiles(rows, columns, lanes)
     height = max(bottom - top for top, bottom, _, _ in tiles)
     width = max(stop - start for _, _, start, stop in tiles)
-    largest_totals = height * width * lanes
-    largest_costs = height * (width + 2 * MARGIN_COLUMNS) * lanes
+    most_totals = height * width * lanes
+    most_costs = height * (width + 2 * MARGIN_COLUMNS) * lanes
     for _ in pool.map(run, tiles):
         pass
-    there = np.take_along_axis(right_best, pair.partners(best), axis=1) & np.uint32(0xFFFF)
-    eyes = np.abs(there.astype(np.int32) - best)
+    eyes = np.empty((rows, columns), np.uint8)
+    disagreement(best, right_best, pair.first, eyes)
     return Winners(best, margin, eyes)
+
+
+def _surroundings(
+    pair: ColourPair, tile: tuple[int, int, int, int], lanes: int
+) -> tuple[Bytes, Bytes, Bytes, Bytes, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Colours, grey levels and seen columns of a tile with its margins, left and right."""
+    top, bottom, start, stop = tile
+    rows = pair.left_grey.shape[0]
+    first, last = max(top - MARGIN_ROWS, 0), min(bottom + MARGIN_ROWS, rows)
+    census_rows = np.clip(np.arange(first - CENSUS_ROWS, last + CENSUS_ROWS), 0, rows - 1)
+    start, stop = start - MARGIN_COLUMNS, stop + MARGIN_COLUMNS
+    right_start, right_stop = start + pair.first, stop + pair.first + lanes
+    side = CENSUS_COLUMNS
+    return (
+        _wrapped(pair.left[:, first:last], start, stop),
+        _wrapped(pair.right[:, first:last], right_start, right_stop),
+        _wrapped(pair.left_grey[census_rows], start - side, stop + side),
+        _wrapped(pair.right_grey[census_rows], right_start - side, right_stop + side),
+        _wrapped(pair.left_seen, start, stop),
+        _wrapped(pair.right_seen, right_start, right_stop),
+    )
 
 
 def _tiles(rows: int, columns: int, lanes: int) -> list[tuple[int, int, int, int]]:
@@ -310,7 +319,7 @@ def _wrapped(array: npt.NDArray[Scalar], start: int, stop: int) -> npt.NDArray[S
     return np.take(array, np.arange(start, stop), axis=-1, mode='wrap')
 
 
-def _taller(image: Bytes, border: int) -> Bytes:
+def _taller(image: npt.NDArray[Scalar], border: int) -> npt.NDArray[Scalar]:
     """Image with its first and last row repeated."""
     return np.pad(image, ((border, border), (0, 0)), mode='edge')
 
@@ -333,66 +342,92 @@ def refine(
     """
     Find sub-column disparities and probabilities, shape (H, W), for all pixels.
 
-    The bands in which this happens do not show in the result.
+    The probability is 0 where an eye did not see. The bands in which this happens do not show.
     """
-    values, fraction, weight = evidence(pair, winners, pool)
-    probability = confidence.probability(values)
-    columns = winners.best.shape[1]
-    steps = winners.best.astype(np.int32)
-    estimate = fraction + winners.best
-    estimate += np.float32(pair.first)
-    weight *= probability**2
-    weight += np.float32(refinement.LEAST_WEIGHT)
-    steps[:, ~pair.left_seen] = UNSEEN_STEP
-    halfway, disparity = np.empty_like(estimate), np.empty_like(estimate)
+    rows, columns = winners.best.shape
+    images = bordered(pair, winners)
+    estimate, weight, probability = (np.empty((rows, columns), np.float32) for _ in range(3))
+
+    def evaluate(start: int, stop: int) -> None:
+        band = slice(start, stop)
+        values, fraction, certainty = evidence(images, winners, start, stop)
+        promised = confidence.probability(values)
+        estimate[band] = fraction + winners.best[band] + np.float32(pair.first)
+        weight[band] = certainty * promised**2 + np.float32(refinement.LEAST_WEIGHT)
+        promised[~pair.right_seen[pair.partners(winners.best[band])]] = 0
+        probability[band] = promised
+
+    steps = images.best
+    overlap = min(SMOOTHING_OVERLAP, columns)
 
     def along_columns(start: int, stop: int) -> None:
-        refinement.smooth_columns(estimate, weight, steps, pair.left, start, stop, halfway)
+        refinement.smooth_columns(estimate, weight, steps, pair.left, start, stop)
 
     def along_rows(start: int, stop: int) -> None:
-        overlap = min(SMOOTHING_OVERLAP, columns)
-        refinement.smooth_rows(halfway, weight, steps, pair.left, start, stop, overlap, disparity)
+        refinement.smooth_rows(estimate, weight, steps, pair.left, start, stop, overlap)
 
-    _in_bands(pool, along_columns, columns)
-    _in_bands(pool, along_rows, steps.shape[0])
-    return disparity, probability
+    _in_bands(pool, evaluate, rows, ROW_BAND)
+    _in_bands(pool, along_columns, columns, COLUMN_BAND)
+    _in_bands(pool, along_rows, rows, ROW_BAND)
+    probability[:, ~pair.left_seen] = 0
+    return estimate, probability
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Bordered:
+    """
+    What the kernels of ``refinement`` and ``confidence`` read, with their borders.
+
+    Attributes
+    ----------
+    left, right : ndarray of uint8
+        See ``refinement.locate``.
+    best, agreed : ndarray of int16
+        See ``confidence.agreement``.
+    """
+
+    left: Bytes
+    right: Bytes
+    best: npt.NDArray[np.int16]
+    agreed: npt.NDArray[np.int16]
+
+
+def bordered(pair: ColourPair, winners: Winners) -> Bordered:
+    """Put the borders around."""
+    columns = winners.best.shape[1]
+    half, far = refinement.HALF_WINDOW, confidence.FAR
+    best = winners.best.astype(np.int16)
+    best[:, ~pair.left_seen] = UNSEEN_STEP
+    agreed = np.where(winners.eyes <= 1, best, np.int16(confidence.DISAGREES))
+    agreed[:, ~pair.left_seen] = confidence.DISAGREES
+    last = pair.first + columns + pair.candidates + half
+    return Bordered(
+        left=_wrapped(_taller(pair.left_grey, half), -half, columns + half),
+        right=_wrapped(_taller(pair.right_grey, half), pair.first - half - 1, last),
+        best=best,
+        agreed=_wrapped(_taller(agreed, far), -far, columns + far),
+    )
 
 
 def evidence(
-    pair: ColourPair, winners: Winners, pool: ThreadPoolExecutor
+    images: Bordered, winners: Winners, start: int, stop: int
 ) -> tuple[list[Float32Array], Float32Array, Float32Array]:
-    """Features of ``confidence``, and fraction and weight of ``refinement.locate``."""
-    rows, columns = winners.best.shape
-    half = refinement.HALF_WINDOW
-    left = _wrapped(_taller(pair.left_grey, half), -half, columns + half)
-    right = _wrapped(
-        _taller(pair.right_grey, half),
-        pair.first - half - 1,
-        pair.first + columns + pair.candidates + half,
-    )
-    fraction, weight, near, far = (np.empty((rows, columns), np.float32) for _ in range(4))
-    best = winners.best.astype(np.int16)
-    agreed = np.where(winners.eyes <= 1, best, np.int16(confidence.DISAGREES))
-    agreed[:, ~pair.left_seen] = confidence.DISAGREES
-    agreed = _wrapped(
-        np.pad(agreed, ((confidence.FAR, confidence.FAR), (0, 0)), mode='edge'),
-        -confidence.FAR,
-        columns + confidence.FAR,
-    )
-
-    def band(start: int, stop: int) -> None:
-        refinement.locate(left, right, winners.best, start, stop, fraction, weight)
-        confidence.agreement(
-            best, agreed, start, stop, confidence.NEAR, confidence.NEAR_STRIDE, near
-        )
-        confidence.agreement(best, agreed, start, stop, confidence.FAR, confidence.FAR_STRIDE, far)
-
-    _in_bands(pool, band, rows)
-    values = confidence.features(winners.margin, winners.eyes, near, far, fraction, weight)
-    return values, fraction, weight
+    """Features of ``confidence`` of some rows, and what ``refinement.locate`` finds there."""
+    shape = stop - start, images.best.shape[1]
+    fraction, weight, near, far = (np.empty(shape, np.float32) for _ in range(4))
+    refinement.locate(images.left, images.right, winners.best, start, stop, fraction, weight)
+    for half, stride, out in (
+        (confidence.NEAR, confidence.NEAR_STRIDE, near),
+        (confidence.FAR, confidence.FAR_STRIDE, far),
+    ):
+        confidence.agreement(images.best, images.agreed, start, stop, half, stride, out)
+    margin, eyes = winners.margin[start:stop], winners.eyes[start:stop]
+    return confidence.features(margin, eyes, near, far, fraction, weight), fraction, weight
 
 
-def _in_bands(pool: ThreadPoolExecutor, run: Callable[[int, int], None], length: int) -> None:
-    starts = range(0, length, BAND)
-    for _ in pool.map(lambda start: run(start, min(start + BAND, length)), starts):
+def _in_bands(
+    pool: ThreadPoolExecutor, run: Callable[[int, int], None], length: int, band: int
+) -> None:
+    starts = range(0, length, band)
+    for _ in pool.map(lambda start: run(start, min(start + band, length)), starts):
         pass

@@ -36,6 +36,8 @@ CENSUS_PLANES = 8
 LOW_NOISE_CUT, HIGH_NOISE_CUT = 30, 60
 #: Grey noise above which the colour difference is not doubled [grey levels].
 HIGH_NOISE = 1.8
+#: Rows in the middle that the noise is judged by.
+NOISE_ROWS = 120
 #: Largest cost of a candidate: 60 of colour, 62 of census.
 LARGEST_COST = 122
 #: Cost of a candidate in a column that nobody saw: between a good match and a bad one.
@@ -62,6 +64,8 @@ def grey_noise(grey: Bytes) -> float:
     the calmest tenth of the windows is taken for free of texture. Immerkær, "Fast noise variance
     estimation", 1996.
     """
+    middle = grey.shape[0] // 2
+    grey = grey[max(middle - NOISE_ROWS // 2, 0) : middle + NOISE_ROWS // 2]
     mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
     response = np.abs(cv2.filter2D(grey, cv2.CV_32F, mask, borderType=cv2.BORDER_REFLECT))
     clipped = ((grey <= 8) | (grey >= 247)).astype(np.uint8)
@@ -113,24 +117,22 @@ def census(grey: Bytes, margin: int, planes: Bytes) -> None:
 @kernel
 def candidate_costs(
     left: Bytes, right: Bytes, left_census: Bytes, right_census: Bytes, left_seen: Seen,
-    right_seen: Seen, y: int, census_y: int, start: int, census_start: int, cut: int,
-    doubled: bool, filler: int, candidates: int, costs: Bytes,
+    right_seen: Seen, y: int, start: int, cut: int, doubled: bool, filler: int, candidates: int,
+    costs: Bytes,
 ) -> None:  # fmt: skip
     """
     Costs of all candidates of a stretch of one row.
 
     Parameters
     ----------
-    left, right : ndarray of uint8, shapes (3, H, W') and (3, H, W'' >= W' + lanes)
+    left, right : ndarray of uint8, shapes (3, h, w) and (3, h, w + lanes)
         Colours; candidate k of column x is column x + k of ``right``.
     left_census, right_census : ndarray of uint8, shapes (8, h, w) and (8, h, w + lanes)
-        Census of a region whose first column is column ``start − census_start``.
-    left_seen, right_seen : ndarray of bool, shapes (W',) and (W'',)
+        Census of the same.
+    left_seen, right_seen : ndarray of bool, shapes (w,) and (w + lanes,)
         Columns that a frame saw.
-    y, census_y : int
-        The row in the colours and in the census.
-    start, census_start : int
-        First column in the colours and in the census.
+    y, start : int
+        The row and its first column.
     cut : int
         Where the sum of colour differences is cut off.
     doubled : bool
@@ -163,12 +165,12 @@ def candidate_costs(
             for k in range(lanes):
                 out[k] = uint8(out[k] + out[k])
         for plane in range(CENSUS_PLANES):
-            bits = left_census[plane, census_y, census_start + x]
-            others = right_census[plane, census_y, census_start + x : census_start + x + lanes]
+            bits = left_census[plane, y, at]
+            others = right_census[plane, y, at : at + lanes]
             for k in range(lanes):
                 out[k] = uint8(out[k] + _bit_count(uint8(bits ^ others[k])))
         seen = right_seen[at : at + lanes]
         for k in range(lanes):
             out[k] = out[k] if seen[k] else uint8(UNSEEN_COST)
         for k in range(candidates, lanes):
-            out[k] = filler
+            out[k] = uint8(filler)

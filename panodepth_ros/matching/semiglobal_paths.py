@@ -24,9 +24,7 @@ from numba import int32, njit, uint8, uint16, uint32
 
 from panodepth_ros.matching.compiled import kernel
 from panodepth_ros.matching.semiglobal_costs import (
-    CENSUS_COLUMNS,
     CENSUS_PLANES,
-    CENSUS_ROWS,
     candidate_costs,
     census,
 )
@@ -146,63 +144,84 @@ def _clear(states: Bytes) -> None:
 
 
 @kernel
-def match_tile(
-    left: Bytes, right: Bytes, left_grey: Bytes, right_grey: Bytes, left_seen: Seen,
-    right_seen: Seen, top: int, bottom: int, start: int, stop: int, candidates: int, lanes: int,
-    noise: int, cut: int, doubled: bool, costs_memory: Bytes, totals_memory: Totals,
-    best: Totals, margin: Totals, right_best: Names,
-) -> None:  # fmt: skip
+def disagreement(best: Totals, right_best: Names, first: int, eyes: Bytes) -> None:
     """
-    Match the tile of the rows top … bottom − 1 and the columns start … stop − 1.
+    By how many columns the right eye's winner differs from the left eye's.
 
     Parameters
     ----------
-    left, right : ndarray of uint8, shapes (3, H, W + 2m) and (3, H, W + 2m + lanes)
-        Colours with m = ``MARGIN_COLUMNS`` columns of wrap-around on either side; candidate k of
-        a column is k columns on in ``right``.
-    left_grey, right_grey : ndarray of uint8, shapes (H + 6, W + 2m + 8), (H + 6, … + lanes + 8)
+    best : ndarray of uint16, shape (H, W)
+        Winning candidate of each left pixel.
+    right_best : ndarray of uint32, shape (H, W)
+        The right pixels' winners as ``match_tile`` names them.
+    first : int
+        Candidate k of column x is column (x + first + k) mod W.
+    eyes : ndarray of uint8, shape (H, W)
+        Receives the difference, at most 255.
+    """
+    columns = best.shape[1]
+    for y in range(best.shape[0]):
+        for x in range(columns):
+            winner = int32(best[y, x])
+            there = int32(right_best[y, (x + first + winner) % columns] & uint32(0xFFFF))
+            eyes[y, x] = uint8(min(abs(there - winner), 255))
+
+
+@kernel
+def match_tile(
+    left: Bytes, right: Bytes, left_grey: Bytes, right_grey: Bytes, left_seen: Seen,
+    right_seen: Seen, above: int, candidates: int, noise: int, cut: int, doubled: bool,
+    costs_memory: Bytes, totals_memory: Totals, best: Totals, margin: Totals, right_best: Names,
+) -> None:  # fmt: skip
+    """
+    Match the core of a tile.
+
+    Parameters
+    ----------
+    left, right : ndarray of uint8, shapes (3, h, w) and (3, h, w + lanes)
+        Colours of the tile: its core, ``above`` rows before it, up to ``MARGIN_ROWS`` after it
+        and ``MARGIN_COLUMNS`` on either side. Candidate k of a column is k columns on in
+        ``right``.
+    left_grey, right_grey : ndarray of uint8, shapes (h + 6, w + 8) and (h + 6, w + lanes + 8)
         Grey levels, with half a census window more on all sides.
-    left_seen, right_seen : ndarray of bool, shapes (W + 2m,) and (W + 2m + lanes,)
+    left_seen, right_seen : ndarray of bool, shapes (w,) and (w + lanes,)
         Columns that a frame saw.
-    candidates, lanes : int
-        Number of candidates, and padded to whole vectors.
+    above : int
+        Rows before the core.
+    candidates : int
+        Number of candidates; the lanes are these, padded to whole vectors.
     noise : int
         Margin of the census [grey levels].
-    cut, doubled : uint8, bool
+    cut, doubled : int, bool
         See ``candidate_costs``.
     costs_memory, totals_memory : ndarray of uint8, uint16, one-dimensional
-        Working memory, at least rows·(columns + 2m)·lanes and rows·columns·lanes.
-    best, margin : ndarray of uint16, shape (H, W)
-        Receive the winning candidate and by how much the next one costs more.
+        Working memory, at least rows·w·lanes and rows·columns·lanes of the core's rows and
+        columns.
+    best, margin : ndarray of uint16, shape (rows, columns)
+        Receive the core's winning candidates and by how much the next ones cost more.
     right_best : ndarray of uint32, shape (rows, columns + lanes)
-        Receives total · 2¹⁶ + candidate of the right pixels' best, from this tile's left pixels
+        Receives total · 2¹⁶ + candidate of the right pixels' best, from the core's left pixels
         only; column 0 is candidate 0 of the first column.
     """
-    height, columns = left.shape[1], stop - start
-    wide = columns + 2 * MARGIN_COLUMNS
-    rows = bottom - top
+    height, wide = left.shape[1], left.shape[2]
+    rows, columns = best.shape
+    lanes = right.shape[2] - wide
     costs = costs_memory[: rows * wide * lanes].reshape(rows, wide, lanes)
     totals = totals_memory[: rows * columns * lanes].reshape(rows, columns, lanes)
-    filler = uint8(FILLER_COST)
-    first, last = max(top - MARGIN_ROWS, 0), min(bottom + MARGIN_ROWS, height)
-    left_census = np.empty((CENSUS_PLANES, last - first, wide), np.uint8)
-    right_census = np.empty((CENSUS_PLANES, last - first, wide + lanes), np.uint8)
-    more = 2 * CENSUS_ROWS
-    side = 2 * CENSUS_COLUMNS
-    census(left_grey[first : last + more, start : start + wide + side], noise, left_census)
-    census(
-        right_grey[first : last + more, start : start + wide + lanes + side], noise, right_census
-    )
+    left_census = np.empty((CENSUS_PLANES, height, wide), np.uint8)
+    right_census = np.empty((CENSUS_PLANES, height, wide + lanes), np.uint8)
+    census(left_grey, noise, left_census)
+    census(right_grey, noise, right_census)
     row_costs = np.empty((columns, lanes), np.uint8)
     here = np.empty((columns, lanes + 2), np.uint8)
     there = np.empty((columns, lanes + 2), np.uint8)
     floors = np.zeros(columns, np.uint8)
     _clear(here)
     _clear(there)
-    for y in range(first, top):
+    for y in range(above):
         candidate_costs(
-            left, right, left_census, right_census, left_seen, right_seen, y, y - first,
-            start + MARGIN_COLUMNS, MARGIN_COLUMNS, cut, doubled, filler, candidates, row_costs,
+            left, right, left_census, right_census, left_seen, right_seen, y, MARGIN_COLUMNS,
+            cut, doubled, FILLER_COST, candidates, row_costs,
         )  # fmt: skip
         _down(here, floors, row_costs, 0, there, totals[0], False)
         here, there = there, here
@@ -214,8 +233,8 @@ def match_tile(
         together = min(ROWS_AT_ONCE, rows - y)
         for r in range(y, y + together):
             candidate_costs(
-                left, right, left_census, right_census, left_seen, right_seen, top + r,
-                top + r - first, start, 0, cut, doubled, filler, candidates, costs[r],
+                left, right, left_census, right_census, left_seen, right_seen, above + r, 0,
+                cut, doubled, FILLER_COST, candidates, costs[r],
             )  # fmt: skip
             totals[r] = uint16(0)
         _clear(rightward)
@@ -237,19 +256,15 @@ def match_tile(
             here, there = there, here
     _clear(here)
     floors[:] = uint8(0)
-    for y in range(last - 1, bottom - 1, -1):
+    for y in range(height - 1, above + rows - 1, -1):
         candidate_costs(
-            left, right, left_census, right_census, left_seen, right_seen, y, y - first,
-            start + MARGIN_COLUMNS, MARGIN_COLUMNS, cut, doubled, filler, candidates, row_costs,
+            left, right, left_census, right_census, left_seen, right_seen, y, MARGIN_COLUMNS,
+            cut, doubled, FILLER_COST, candidates, row_costs,
         )  # fmt: skip
         _down(here, floors, row_costs, 0, there, totals[0], False)
         here, there = there, here
-    seen = left_seen[start + MARGIN_COLUMNS : start + MARGIN_COLUMNS + columns]
+    seen = left_seen[MARGIN_COLUMNS : MARGIN_COLUMNS + columns]
     for r in range(rows - 1, -1, -1):
         _down(here, floors, costs[r], MARGIN_COLUMNS, there, totals[r], True)
         here, there = there, here
-        y = top + r
-        _winners(
-            totals[r], candidates, seen, best[y, start:stop], margin[y, start:stop],
-            right_best[r],
-        )  # fmt: skip
+        _winners(totals[r], candidates, seen, best[r], margin[r], right_best[r])

@@ -11,14 +11,20 @@ import pytest
 from matching_scenes import noise_image, pair_of, shifted_pair, texture
 
 from panodepth_ros.geometry import Panorama
-from panodepth_ros.matching import confidence, refinement, semiglobal, semiglobal_paths
-from panodepth_ros.matching.interface import Correspondence
+from panodepth_ros.matching import (
+    Correspondence,
+    confidence,
+    match,
+    refinement,
+    semiglobal,
+    semiglobal_paths,
+)
 
 ROWS, COLUMNS, CANDIDATES = 40, 320, 45
 
 
 def matched(pair: tuple[Panorama, Panorama], threads: int = 1) -> Correspondence:
-    return semiglobal.match_semiglobal(*pair, (), threads)
+    return match(*pair, method='semiglobal', threads=threads)
 
 
 def slanted(rows: int = ROWS, columns: int = COLUMNS) -> npt.NDArray[np.float64]:
@@ -111,7 +117,8 @@ def test_rolling_both_panoramas_rolls_the_result(columns_rolled: int) -> None:
 
 
 def test_threads_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(semiglobal, 'BAND', 7)
+    monkeypatch.setattr(semiglobal, 'ROW_BAND', 7)
+    monkeypatch.setattr(semiglobal, 'COLUMN_BAND', 9)
     left, right = wandering_pair(noise=3.0)
     one = matched(pair_of(left, right, CANDIDATES), threads=1)
     three = matched(pair_of(left, right, CANDIDATES), threads=3)
