@@ -205,17 +205,17 @@ def _match_row(
             continue
         number = named_candidate(named_best, pair)
         k = number
-        peak = float32(count * cross[k] - total * totals[x + k]) * inverses[x + k]
+        peak = float32(count * cross[k] - total * totals[x + k]) * inverses[x + k] * inverse
         offset = float32(0)
         if 0 < number < pair.candidates - 1:
             k = number - 1
-            before = float32(count * cross[k] - total * totals[x + k]) * inverses[x + k]
+            before = float32(count * cross[k] - total * totals[x + k]) * inverses[x + k] * inverse
             k = number + 1
-            after = float32(count * cross[k] - total * totals[x + k]) * inverses[x + k]
+            after = float32(count * cross[k] - total * totals[x + k]) * inverses[x + k] * inverse
             offset = vertex(before, peak, after)
         bests.numbers[row, tile + x] = number
         bests.disparity[row, tile + x] = float32(pair.first + number) + offset
-        bests.confidence[row, tile + x] = min(peak * inverse, float32(1))
+        bests.confidence[row, tile + x] = min(peak, float32(1))
 
 
 @kernel

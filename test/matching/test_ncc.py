@@ -110,3 +110,119 @@ def test_unseen_columns_equal_the_definition_without_them() -> None:
     matched = np.isfinite(result.column_disparity)
     assert not matched[:, ~left_seen].any()
     assert matched[:, [1, 3, 39, 41, 42, 45, 99, 101]].mean() > 0.7  # gaps spoil no neighbour
+
+
+@pytest.mark.parametrize('threads', [2, 3])
+def test_threads_do_not_change_a_byte(threads: int) -> None:
+    rng = np.random.default_rng(11)
+    left, right = shifted_pair(
+        texture(rng, 140, 160), np.full((140, 160), 7.3), noise=5.0, rng=rng
+    )
+    pair = pair_of(left, right, 12)  # more rows than one band holds
+    one, several = match(*pair), match(*pair, threads=threads)
+    np.testing.assert_array_equal(one.column_disparity, several.column_disparity)
+    np.testing.assert_array_equal(one.confidence, several.confidence)
+    assert np.isfinite(one.column_disparity).mean() > 0.8
+
+
+@pytest.mark.parametrize('shift', [1, 77, 128, 299])
+def test_rolling_both_panoramas_rolls_the_result(shift: int) -> None:
+    rng = np.random.default_rng(12)
+    columns = 300  # more than two tiles
+    left, right = shifted_pair(
+        texture(rng, 12, columns), np.full((12, columns), 20.6), noise=5.0, rng=rng
+    )
+    left_seen, right_seen = np.ones(columns, bool), np.ones(columns, bool)
+    left_seen[100:103] = right_seen[250:260] = False
+    still = match(*pair_of(left, right, 30, left_seen=left_seen, right_seen=right_seen))
+    rolled = match(
+        *pair_of(
+            np.roll(left, shift, axis=1),
+            np.roll(right, shift, axis=1),
+            30,
+            left_seen=np.roll(left_seen, shift),
+            right_seen=np.roll(right_seen, shift),
+        )
+    )
+    for name in ('column_disparity', 'confidence'):
+        expected = np.roll(getattr(still, name), shift, axis=1)
+        np.testing.assert_array_equal(getattr(rolled, name), expected)
+    assert np.isfinite(still.column_disparity).mean() > 0.7
+
+
+@pytest.mark.parametrize('fraction', [0.0, 0.125, 0.25, 0.375, 0.5, 0.75])
+def test_sub_column_disparity_has_no_bias(fraction: float) -> None:
+    rng = np.random.default_rng(21)
+    rows, columns = 24, 400
+    truth = np.full((rows, columns), 9 + fraction)
+    left, right = shifted_pair(texture(rng, rows, columns), truth, noise=2.0, rng=rng)
+    error = match(*pair_of(left, right, 20)).column_disparity - truth
+    kept = np.isfinite(error)
+    assert kept.mean() > 0.99
+    assert (np.abs(error[kept]) > 1).mean() < 0.002
+    right_ones = np.abs(error[kept]) <= 1
+    # Quantisation and noise of 2 levels against a deviation of 40: about 0.02 columns; the
+    # parabola's own bias on this texture stays below that.
+    assert np.sqrt(np.mean(error[kept][right_ones] ** 2)) < 0.06
+    assert abs(np.mean(error[kept][right_ones])) < 0.02
+
+
+def test_disparity_that_varies_along_the_row_and_over_the_rows() -> None:
+    rng = np.random.default_rng(22)
+    rows, columns = 24, 400
+    x, y = np.meshgrid(np.arange(columns), np.arange(rows))
+    truth = 18 + 6 * np.sin(2 * np.pi * x / columns) + 0.02 * y
+    left, right = shifted_pair(texture(rng, rows, columns), truth, noise=2.0, rng=rng)
+    error = match(*pair_of(left, right, 40)).column_disparity - truth
+    kept = np.isfinite(error)
+    assert kept.mean() > 0.97
+    assert (np.abs(error[kept]) > 1).mean() < 0.005
+    seam = np.r_[0:12, columns - 40 : columns]  # windows and matches that wrap around
+    assert np.isfinite(error[:, seam]).mean() > 0.97
+    assert np.nanmax(np.abs(error[:, seam])) < 1
+
+
+def test_no_texture_matches_nothing() -> None:
+    flat = np.full((12, 80), 130, np.uint8)
+    result = match(*pair_of(flat, flat, 10))
+    assert np.isnan(result.column_disparity).all()
+    assert np.isnan(result.confidence).all()
+
+
+def test_gain_and_offset_change_nothing() -> None:
+    rng = np.random.default_rng(31)
+    left = rng.integers(0, 100, (12, 120)).astype(np.uint8)
+    right = np.roll(left, 7, axis=1)
+    plain = match(*pair_of(left, right, 15))
+    brighter = match(*pair_of(left, (2 * right + 31).astype(np.uint8), 15))
+    np.testing.assert_allclose(plain.column_disparity, brighter.column_disparity, atol=1e-5)
+    np.testing.assert_allclose(plain.confidence, brighter.confidence, atol=1e-6)
+    np.testing.assert_allclose(plain.confidence, 1, atol=1e-6)
+    np.testing.assert_array_equal(np.rint(plain.column_disparity), 7)
+
+
+def test_inverted_contrast_is_no_match() -> None:
+    rng = np.random.default_rng(32)
+    left = noise_image(rng, 12, 60)
+    right = np.roll(255 - left, 5, axis=1)
+    result = match(*pair_of(left, right, 8))
+    assert not (np.abs(result.column_disparity - 5) < 0.5).any()
+
+
+def test_occluded_stripe_is_not_confirmed() -> None:
+    # A near stripe (dx 6) before a far wall (dx 16) hides wall columns from the right eye.
+    rng = np.random.default_rng(33)
+    rows, columns = 30, 300
+    wall, stripe = texture(rng, rows, columns), texture(rng, rows, columns)
+    far, _ = shifted_pair(wall, np.full((rows, columns), 16.0))
+    near, _ = shifted_pair(stripe, np.full((rows, columns), 6.0))
+    far_right, near_right = wall[:, ::32], stripe[:, ::32]
+    left, right = far.copy(), np.rint(far_right).clip(0, 255).astype(np.uint8)
+    left[:, 100:140] = near[:, 100:140]
+    right[:, 106:146] = np.rint(near_right[:, 106:146]).clip(0, 255)
+    result = match(*pair_of(left, right, 30))
+    # Wall columns 90 … 99 lie at 106 … 115 on the right, behind the stripe.
+    hidden = result.column_disparity[:, 90:96]
+    assert np.isnan(hidden).mean() > 0.7
+    assert np.nanmedian(result.column_disparity[:, 110:130]) == pytest.approx(6, abs=0.05)
+    assert np.nanmedian(result.column_disparity[:, 200:250]) == pytest.approx(16, abs=0.05)

@@ -1,0 +1,63 @@
+"""Vectors inside kernels against NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from panodepth_ros.matching.compiled import kernel
+from panodepth_ros.matching.simd import (
+    LANES,
+    largest,
+    load,
+    maximum,
+    splat,
+    store,
+    to_float,
+    to_integer,
+    widen,
+)
+
+
+@kernel
+def integers(
+    a: npt.NDArray[np.int32], b: npt.NDArray[np.int32], out: npt.NDArray[np.int32]
+) -> int:
+    for i in range(0, a.size, LANES):
+        x, y = load(a, i), load(b, i)
+        store(out, i, (maximum(x * y, x - y) & splat(a[0])) | (x + y))
+    result: int = largest(load(a, LANES))
+    return result
+
+
+def test_integers_wrap_compare_and_mask() -> None:
+    rng = np.random.default_rng(1)
+    a, b = rng.integers(-(2**31), 2**31, (2, 4 * LANES)).astype(np.int32)
+    out = np.zeros_like(a)
+    greatest = integers(a, b, out)
+    np.testing.assert_array_equal(out, (np.maximum(a * b, a - b) & a[0]) | (a + b))
+    assert greatest == a[LANES : 2 * LANES].max()
+
+
+@kernel
+def reals(
+    a: npt.NDArray[np.int16], b: npt.NDArray[np.float32],
+    out: npt.NDArray[np.float32], whole: npt.NDArray[np.int32],
+) -> None:  # fmt: skip
+    for i in range(3, a.size - LANES, LANES):  # not aligned
+        x = to_float(widen(load(a, i))) * load(b, i) - load(b, i)
+        store(out, i, maximum(x, splat(b[0])))
+        store(whole, i, to_integer(x))
+
+
+def test_conversions_are_exact_and_truncate() -> None:
+    rng = np.random.default_rng(2)
+    a = rng.integers(-(2**15), 2**15, 3 + 4 * LANES).astype(np.int16)
+    b = rng.normal(0, 10, a.size).astype(np.float32)
+    out, whole = np.zeros(a.size, np.float32), np.zeros(a.size, np.int32)
+    reals(a, b, out, whole)
+    done = slice(3, 3 + 3 * LANES)
+    x = a.astype(np.float32) * b - b
+    np.testing.assert_array_equal(out[done], np.maximum(x, b[0])[done])
+    np.testing.assert_array_equal(whole[done], np.trunc(x[done]).astype(np.int32))
+    assert not out[:3].any()
