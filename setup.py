@@ -43,11 +43,12 @@ setup(
     extras_require={
         'jazzy': pinned('jazzy'),
         'kilted': pinned('kilted'),
-        'bag': ['rosbags>=0.10'],
+        'bag': ['rosbags>=0.11.6'],
         'plot': ['matplotlib>=3.6'],
         'test': [
             'colcon-common-extensions==0.3.0',
             'hypothesis>=6.80',
+            'mcap-ros2-support>=0.5',
             'mypy==2.4.1',
             'pytest>=7.4',
             'pytest-timeout>=2.2',

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
-from rosgraph_msgs.msg import Clock  # type: ignore[import-untyped]  # has no types
+from rosgraph_msgs.msg import Clock
 
 from panodepth_ros.bag.flow_control import FlowControl, Interrupted
 from panodepth_ros.bag.storage import BagError, chosen_connections, opened, raw_messages
