@@ -1,4 +1,4 @@
-"""Metadata for pip and colcon alike; pyproject.toml holds the build system and the tools' tables."""
+"""Metadata for pip and colcon alike; pyproject.toml holds the build system and tool tables."""
 
 from glob import glob
 from pathlib import Path

@@ -43,7 +43,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'params_file',
                 default_value='',
-                description='Parameters of the nodes (default: config/simulated.yaml or real.yaml)',
+                description='Parameters of the nodes (default: config/simulated.yaml, real.yaml)',
             ),
             DeclareLaunchArgument('namespace', default_value='', description='Namespace'),
             Node(

@@ -31,7 +31,9 @@ _TOPICS = ('left/image', 'left/camera_info', 'right/image', 'right/camera_info')
 class DepthParameters:
     """Parameters of the depth node."""
 
-    method: str = parameter('semiglobal', 'How the panoramas are matched', choices=METHODS, live=True)
+    method: str = parameter(
+        'semiglobal', 'How the panoramas are matched', choices=METHODS, live=True
+    )
     threads: int = parameter(
         2, 'Threads that match; the result does not depend on it', bounds=(1, 64), live=True
     )
