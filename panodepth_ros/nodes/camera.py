@@ -329,9 +329,7 @@ class CameraNode(Node):
         """End the process: with code 0 at the end of a file, with 1 if the source broke."""
         if self._failure is not None:
             raise self._failure
-        self.get_logger().info(
-            f'{self._settings.video_device} ended after {self._frames} frames'
-        )
+        self.get_logger().info(f'{self._settings.video_device} ended after {self._frames} frames')
         for publisher in (self._image_publisher, self._info_publisher):
             publisher.wait_for_all_acked(Duration(seconds=_DELIVERY_TIMEOUT))
         self.context.try_shutdown()

@@ -93,11 +93,11 @@ def test_a_missing_arm_is_waited_for(
 ) -> None:
     monkeypatch.setattr(simulated, '_ARM_START_TIMEOUT', 0.2)
     with pytest.raises(SourceLostError, match='is simulated_arm running'):
-        opened(room, truth)
+        opened(room, truth).read()
     stop = threading.Event()
     stop.set()
     with pytest.raises(SourceClosedError):
-        opened(room, truth, stop=stop)
+        opened(room, truth, stop=stop).read()
     monkeypatch.setattr(simulated, '_ARM_START_TIMEOUT', 20.0)
     arms: list[TruthWriter] = []
     starter = threading.Timer(0.2, lambda: arms.append(TruthWriter(truth)))
@@ -110,5 +110,5 @@ def test_a_missing_arm_is_waited_for(
 def test_what_is_no_truth_file_is_refused(room: Room, truth: Path) -> None:
     truth.write_bytes(b'something else')
     with pytest.raises(SourceError, match='is not a truth file') as refused:
-        opened(room, truth)
+        opened(room, truth).read()
     assert not isinstance(refused.value, SourceLostError)

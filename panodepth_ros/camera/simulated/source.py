@@ -53,10 +53,9 @@ class SimulatedSource:
     stop : threading.Event
         Ends a read.
 
-    Raises
-    ------
-    SourceLostError
-        If there is no truth file, even after a while.
+    Notes
+    -----
+    The first read waits a while for the truth file: arm and camera may be started at once.
     """
 
     def __init__(
@@ -80,7 +79,9 @@ class SimulatedSource:
         self._noise_stddev = noise_stddev
         self._rng = np.random.default_rng(seed)
         self._grey = grey
-        self._arm = _wait_for_arm(arm_truth, stop)
+        self._arm_truth = arm_truth
+        self._stop = stop
+        self._arm: TruthReader | None = None
         self._schedule = Schedule(framerate, stop, skips=True)
 
     @property
@@ -90,6 +91,8 @@ class SimulatedSource:
 
     def read(self) -> Frame:
         """See :meth:`panodepth_ros.camera.source.FrameSource.read`."""
+        if self._arm is None:
+            self._arm = _wait_for_arm(self._arm_truth, self._stop)
         stamp = self._schedule.wait()
         try:
             arm_azimuth = self._arm.azimuth(stamp)
@@ -101,7 +104,8 @@ class SimulatedSource:
 
     def close(self) -> None:
         """Let go of the truth file. Idempotent."""
-        self._arm.close()
+        if self._arm is not None:
+            self._arm.close()
 
     def _noisy(self, image: Image) -> Image:
         if self._noise_stddev == 0.0:
