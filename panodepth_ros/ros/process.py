@@ -2,12 +2,31 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
+from types import FrameType
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    _ignore_signals()
+    raise KeyboardInterrupt
+
+
+def _ignore_signals() -> None:
+    """
+    Let the clean-up run undisturbed.
+
+    Ctrl-C under ``ros2 launch`` reaches a node twice, by the terminal and by the launch process.
+    """
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def run_node(name: str, make_node: Callable[[], Node], args: list[str] | None = None) -> int:
@@ -32,27 +51,29 @@ def run_node(name: str, make_node: Callable[[], Node], args: list[str] | None = 
     int
         The exit code.
     """
-    try:
-        rclpy.init(args=args)
-    except Exception as error:  # rclpy raises bare RCLError subclasses of RuntimeError
-        get_logger(name).fatal(str(error))
-        return 1
     node: Node | None = None
-    executor = SingleThreadedExecutor()
+    executor: SingleThreadedExecutor | None = None
     try:
+        for number in _SIGNALS:
+            signal.signal(number, _interrupt)  # rclpy's own handlers call it, too
+        rclpy.init(args=args)
+        executor = SingleThreadedExecutor()
         node = make_node()
         executor.add_node(node)
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except (OSError, RuntimeError, ValueError) as error:
-        if not rclpy.ok():  # interrupted while starting or stopping
+        if executor is not None and not rclpy.ok():  # interrupted while starting or stopping
             return 0
         get_logger(name).fatal(str(error))
         return 1
     finally:
-        executor.shutdown()
+        _ignore_signals()
+        if executor is not None:
+            executor.shutdown()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+        _ignore_signals()  # rclpy has put the handlers back that it found
     return 0

@@ -1,0 +1,63 @@
+"""SIGINT and SIGTERM of every node at any time: exit code 0, no traceback."""
+
+import signal
+
+import pytest
+from fixtures.ros import Program, program
+
+pytestmark = [pytest.mark.ros, pytest.mark.launch]
+
+READY = {'mosaicer': 'ready', 'depth': 'ready'}
+
+
+@pytest.fixture
+def node(ros_domain, tmp_path):
+    running = []
+
+    def start(name, *arguments):
+        running.append(Program([*program(name), *arguments], str(tmp_path)))
+        return running[-1]
+
+    yield start
+    for started in running:
+        if started.running():
+            started.process.kill()
+            started.process.wait()
+
+
+def assert_clean(running, code=0):
+    assert running.wait() == code, running.output
+    assert 'Traceback' not in running.output
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('name', READY)
+def test_signal_ends_the_running_node(node, name, number):
+    running = node(name)
+    running.wait_for_output(READY[name])
+    running.process.send_signal(number)
+    assert_clean(running)
+
+
+@pytest.mark.parametrize('name', READY)
+def test_further_signals_do_not_disturb_the_end(node, name):
+    # `ros2 launch` and the terminal both pass Ctrl-C on.
+    running = node(name)
+    running.wait_for_output(READY[name])
+    while running.running():
+        running.process.send_signal(signal.SIGINT)
+    assert_clean(running)
+
+
+@pytest.mark.parametrize('name', READY)
+def test_bad_parameter_is_one_sentence_and_exit_code_1(node, name):
+    running = node(name, '--ros-args', '-p', 'unheard_of:=1')
+    assert_clean(running, code=1)
+    assert f'unknown parameter unheard_of for {name}' in running.output
+    assert len(running.output.strip().splitlines()) == 1
+
+
+def test_bad_ros_argument_is_one_sentence_and_exit_code_1(node):
+    running = node('mosaicer', '--ros-args', '--no-such-thing')
+    assert_clean(running, code=1)
+    assert 'no-such-thing' in running.output
