@@ -1,9 +1,9 @@
 """
 The rotating arm on a GRBL controller: azimuths in, measured azimuths out.
 
-One thread reads the line; commands run in the thread that calls them, one at a time. A motion is
-over when the barrier after it is answered (``ok`` of the move itself only means parsed) and two
-status reports, the second one asked for after the settle time, agree on the target.
+Commands run in the thread that calls them, one at a time. A motion is over when the barrier after
+it is answered (``ok`` of the move itself only means parsed) and two status reports, the second one
+asked for after the settle time, agree on the target.
 
 Braking without losing the count takes three steps: feed hold ``!``, wait for ``Hold:0``, soft
 reset. The reset then drops the rest of the motion but keeps the position, whereas a reset of a
@@ -20,7 +20,6 @@ import logging
 import math
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import NamedTuple
@@ -29,23 +28,17 @@ from . import grbl
 from .errors import (
     ArmAlarmError,
     ArmBusyError,
-    ArmConnectionError,
     ArmError,
     ArmPositionError,
     ArmProtocolError,
-    ArmStoppedError,
     ArmTimeoutError,
 )
-from .transport import SerialLine
+from .link import GrblLink, SentLine
 
 _LOGGER = logging.getLogger(__name__)
 
-#: Answers to ``?`` get lost at times: how often it is sent within the response timeout.
-_QUERIES = 8
 #: Status period while the arm brakes [s].
 _BRAKE_PERIOD = 0.02
-#: How many bytes of noise an error message shows.
-_NOISE = 60
 
 
 class ArmState(NamedTuple):
@@ -77,14 +70,6 @@ class _Report(NamedTuple):
 
     def agrees(self, other: _Report) -> bool:
         return (self.status.state, self.azimuth) == (other.status.state, other.azimuth)
-
-
-class _Line:
-    """A line that was sent and what the controller answered."""
-
-    def __init__(self, text: bytes) -> None:
-        self.text = text.decode('ascii').strip()
-        self.answer: grbl.Ok | grbl.ErrorReply | None = None
 
 
 class GrblArm:
@@ -146,43 +131,23 @@ class GrblArm:
         self._axis = axis
         self._axis_index = grbl.AXES.index(axis)
         self._settle_time = settle_time
-        self._response_timeout = response_timeout
-        self._query_timeout = response_timeout / _QUERIES
         self._clock = clock
         self._listener = listener
         self._last_stamp = 0
-
+        self._velocity = 0.0  # commanded for the running motion [rad/s]
         self._busy = threading.Lock()  # held by the command that runs
-        self._changed = threading.Condition()  # guards everything below
-        self._pending: deque[_Line] = deque()
-        self._settings: dict[int, float | None] = {}
-        self._reports: deque[grbl.Status] = deque(maxlen=1)  # since the last query
-        self._offset: tuple[float, ...] | None = None  # machine minus work coordinates
-        self._banner: grbl.Banner | None = None
-        self._banner_wanted = True
-        self._incident: ArmError | None = None  # what broke the running command
-        self._doubt = ''  # why the position is uncertain
-        self._broken: ArmConnectionError | None = None
-        self._stop_wanted = False
-        self._moving = False  # a motion was sent and has not been seen to end
-        self._velocity = 0.0  # commanded for the motion [rad/s]
-        self._homing = False
-        self._noise = b''
-        self._closed = False
-        self._reading = True
-
-        self._assembler = grbl.LineAssembler()
-
-        self._line = SerialLine(port, baud_rate)
-        self._reader = threading.Thread(target=self._read, name='arm reader', daemon=True)
-        self._reader.start()
+        self._closing = threading.Lock()  # held for ever once closed
+        self._link = GrblLink(port, baud_rate, response_timeout)
         try:
-            self._greet(boot_timeout)
+            if not self._link.greet(boot_timeout):
+                self._brake()  # another program may have left it moving
+                self._link.reset()
+            self._link.require_version()
             self._read_settings()
             self._speed = min(speed, math.radians(self._setting(110) / 60.0))
             self._check_state()
         except BaseException:
-            self._disconnect()
+            self._link.disconnect()
             raise
 
     # What the user calls.
@@ -190,13 +155,12 @@ class GrblArm:
     @property
     def port(self) -> str:
         """The serial device."""
-        return self._line.port
+        return self._link.port
 
     @property
     def doubt(self) -> str:
         """Why the position is uncertain, as a sentence; empty if it is not."""
-        with self._changed:
-            return self._doubt
+        return self._link.doubt
 
     @property
     def motor_step(self) -> float:
@@ -206,11 +170,11 @@ class GrblArm:
     @property
     def releases_motor(self) -> bool:
         """Whether the controller takes the current off the standing motor (``$1`` below 255)."""
-        return self._settings.get(1) not in (None, 255.0)
+        return self._link.settings.get(1) not in (None, 255.0)
 
     def distrust(self, reason: str) -> None:
         """Declare the position uncertain until the arm is homed; ``reason`` is a sentence."""
-        self._lose(reason)
+        self._link.lose_position(reason)
 
     def measure(self) -> ArmState:
         """
@@ -226,7 +190,7 @@ class GrblArm:
             If the controller does not answer, is in alarm, or the port is gone.
         """
         with self._command():
-            self._require_certainty()
+            self._link.require_certainty()
             return self._stand(self._measure())
 
     def move_to(self, azimuth: float) -> ArmState:
@@ -250,7 +214,7 @@ class GrblArm:
             If the controller refuses, does not answer, goes into alarm, or the port is gone.
         """
         with self._command():
-            self._require_certainty()
+            self._link.require_certainty()
             return self._move(azimuth)
 
     def home(self) -> ArmState:
@@ -272,24 +236,15 @@ class GrblArm:
             if self._setting(22):
                 self._search_switch()
             elif self._report().status.state == 'Alarm':
-                self._accept(self._send(grbl.UNLOCK), self._response_timeout)
-            with self._changed:
-                self._doubt = ''
-                self._incident = None
+                self._link.ask(grbl.UNLOCK)
+            self._link.trust_position()
             if self._setting(22):
                 return self._stand(self._measure())
             return self._move(0.0)
 
     def interrupt(self) -> None:
         """Begin to brake and make the running command raise; :meth:`stop` must follow."""
-        with self._changed:
-            self._stop_wanted = True
-            if self._homing:  # only a reset ends it
-                self._banner_wanted = True
-                self._line.write(grbl.SOFT_RESET)
-            elif self._moving:
-                self._line.write(grbl.FEED_HOLD)
-            self._changed.notify_all()
+        self._link.interrupt()
 
     def stop(self) -> ArmState | None:
         """
@@ -316,50 +271,21 @@ class GrblArm:
 
     def close(self) -> None:
         """Leave the arm stopped and close the port. Idempotent."""
-        with self._changed:
-            if self._closed:
-                return
-            self._closed = True
-            running = self._moving or self._homing
+        if not self._closing.acquire(blocking=False):
+            return
         try:
-            if running:
+            if self._link.moving or self._link.homing:
                 self.stop()
         except ArmError as error:
             _LOGGER.warning('the arm may not have stopped: %s', error)
-            with suppress(ArmError):
-                self._line.write(grbl.SOFT_RESET)
+            self._link.kill()
         finally:
-            self._disconnect()
+            self._link.disconnect()
 
     # Opening.
 
-    def _greet(self, timeout: float) -> None:
-        deadline = time.monotonic() + timeout
-        while self._banner is None:
-            self._write(grbl.STATUS_QUERY)
-            if self._until(lambda: bool(self._banner or self._reports), self._query_timeout):
-                break
-            if time.monotonic() > deadline:
-                noise = (self._noise + self._assembler.rest)[:_NOISE]
-                if noise:
-                    raise ArmProtocolError(
-                        f'what answers on port {self.port} is no GRBL 1.1 controller, or '
-                        f'baud_rate is wrong; it sent {noise!r}'
-                    )
-                raise ArmTimeoutError(
-                    f'port {self.port} stays silent: no answer to a status query for {timeout:g} s'
-                )
-        if self._banner is None:  # opening the port did not restart it, and it may be moving
-            self._brake()
-            self._reset()
-        if self._banner is not None and self._banner.version.startswith('0.'):
-            raise ArmProtocolError(
-                f'controller on port {self.port} is GRBL {self._banner.version}; '
-                'version 1.1 is needed'
-            )
-
     def _read_settings(self) -> None:
-        self._accept(self._send(grbl.READ_SETTINGS), self._response_timeout)
+        self._link.ask(grbl.READ_SETTINGS)
         if len(self._report().status.position) <= self._axis_index:
             raise ArmProtocolError(f'controller on port {self.port} has no axis {self._axis}')
         for number in (100, 110, 120):
@@ -377,30 +303,28 @@ class GrblArm:
                 f'controller on port {self.port} is in alarm and its position uncertain; remove '
                 'the cause, then switch it off and on, or send $X from a terminal'
             )
-        with self._changed:
-            self._doubt = f'controller on port {self.port} has not been homed since it started'
+        self._link.lose_position(
+            f'controller on port {self.port} has not been homed since it started'
+        )
 
     def _setting(self, number: int) -> float:
         """One setting; those of axes (from 100 on) are named by their number for X."""
         number += self._axis_index if number >= 100 else 0
-        return self._settings.get(number) or 0.0
+        return self._link.settings.get(number) or 0.0
 
     # Motions; the command lock is held.
 
     @contextmanager
     def _command(self, *, wait: bool = False) -> Iterator[None]:
         # A command that was interrupted ends within the time of one answer.
-        timeout = 2.0 * self._response_timeout if wait else -1
+        timeout = 2.0 * self._link.response_timeout if wait else -1
         if not self._busy.acquire(blocking=wait, timeout=timeout):
             raise ArmBusyError(f'arm on port {self.port} is executing another command')
         try:
-            with self._changed:
-                self._incident = None
-                if wait:
-                    self._stop_wanted = False
+            self._link.begin_command(after_stop=wait)
             yield
         except (ArmTimeoutError, ArmProtocolError):
-            if self._moving:  # the arm must not go on by itself
+            if self._link.moving:  # the arm must not go on by itself
                 with suppress(ArmError):
                     self._halt()
             raise
@@ -423,16 +347,17 @@ class GrblArm:
         feed = math.degrees(self._speed) * 60.0
         move = grbl.encode_move(self._axis, math.degrees(azimuth), feed)
         self._emit(self._clock(), start.azimuth, self._velocity)
-        lines = self._send(move, grbl.BARRIER, moves=True)
-        self._accept(lines, 1.5 * duration + self._response_timeout)
+        self._follow(
+            self._link.send(move, grbl.BARRIER, moves=True),
+            1.5 * duration + self._link.response_timeout,
+        )
         arrived = self._report()
         self._emit_moving(arrived)
         self._sleep(self._settle_time)
         settled = self._report()
         if not settled.agrees(arrived):
             settled = self._measure()
-        with self._changed:
-            self._moving = False
+        self._link.moving = False
         if settled.status.state != 'Idle' or not self._is_at(settled, azimuth):
             raise ArmProtocolError(
                 f'arm on port {self.port} was sent to {math.degrees(azimuth):.3f}° but the '
@@ -441,53 +366,57 @@ class GrblArm:
             )
         return self._stand(settled)
 
+    def _follow(self, lines: list[SentLine], timeout: float) -> None:
+        """Wait until the lines of a motion are answered, and tell where the arm is meanwhile."""
+        deadline = time.monotonic() + timeout
+        while not self._link.answered(lines, self.status_period):
+            if time.monotonic() > deadline:
+                raise self._link.unanswered(lines, timeout)
+            self._emit_moving(self._report())
+        self._link.require_ok(lines)
+
     def _search_switch(self) -> None:
         travel, seek, fine, pull_off = (self._setting(n) for n in (130, 25, 24, 27))
-        timeout = 10.0 * self._response_timeout
+        timeout = 10.0 * self._link.response_timeout
         if seek > 0.0 and fine > 0.0:
             timeout += 60.0 * (1.5 * travel / seek + 10.0 * pull_off / fine)
         self._velocity = math.radians(seek / 60.0) or self._speed
         self._emit_moving(self._report())
+        self._link.homing = True
         try:
-            with self._changed:
-                self._homing = True
-            self._accept(self._send(grbl.HOME), timeout)
+            self._link.ask(grbl.HOME, timeout=timeout)
             self._sleep(self._settle_time)
         finally:
-            with self._changed:
-                self._homing = False
+            self._link.homing = False
 
     def _halt(self) -> None:
         """Brake, drop all motions, and wait until the arm stands."""
-        restart = self._moving or bool(self._doubt)
+        restart = self._link.moving or bool(self.doubt)
         if self._brake() != 'Idle' or restart:
-            self._reset()
-        with self._changed:
-            self._moving = False
+            self._link.reset()
+        self._link.moving = False
         self._sleep(self._settle_time)
 
     def _brake(self) -> str:
         """Hold the feed until the arm stands; return the controller's state then."""
-        deadline = time.monotonic() + self._response_timeout + self._braking_time()
+        deadline = time.monotonic() + self._link.response_timeout + self._braking_time()
         while True:
-            if self._moving:
-                self._write(grbl.FEED_HOLD)
+            if self._link.moving:
+                self._link.write(grbl.FEED_HOLD)
             try:
-                status = (report := self._report()).status
+                report = self._report()
             except ArmTimeoutError:
-                if not self._doubt:
+                if not self.doubt:
                     raise
                 return 'Alarm'  # some alarms answer nothing but a reset
-            if status.state not in ('Run', 'Jog', 'Hold') or (status.state, status.substate) == (
-                'Hold',
-                0,
-            ):
-                return status.state
+            if not report.status.moves:
+                return report.status.state
             if time.monotonic() > deadline:
                 raise ArmTimeoutError(
-                    f'arm on port {self.port} does not stop; the controller reports {status.state}'
+                    f'arm on port {self.port} does not stop; the controller reports '
+                    f'{report.status.state}'
                 )
-            self._moving = True
+            self._link.moving = True
             self._emit_moving(report)
             time.sleep(_BRAKE_PERIOD)
 
@@ -495,85 +424,36 @@ class GrblArm:
         acceleration = math.radians(self._setting(120))
         return self._speed / acceleration if acceleration > 0.0 else 5.0
 
-    def _reset(self) -> None:
-        with self._changed:
-            self._banner = None
-            self._banner_wanted = True
-            self._line.write(grbl.SOFT_RESET)
-        if not self._until(lambda: self._banner is not None, self._response_timeout):
-            raise ArmTimeoutError(
-                f'controller on port {self.port} did not restart within '
-                f'{self._response_timeout:g} s'
-            )
-
-    # Questions and answers.
-
-    def _send(self, *texts: bytes, moves: bool = False) -> list[_Line]:
-        lines = [_Line(text) for text in texts]
-        with self._changed:
-            self._raise_trouble()
-            self._pending.extend(lines)
-            self._moving = self._moving or moves
-            self._line.write(b''.join(texts))
-        return lines
-
-    def _accept(self, lines: list[_Line], timeout: float) -> None:
-        """Wait until all lines are answered with ok; during a motion, tell where the arm is."""
-        deadline = time.monotonic() + timeout
-        while True:
-            patience = max(0.0, deadline - time.monotonic())
-            if self._moving:
-                patience = min(patience, self.status_period)
-            if self._until(lambda: lines[-1].answer is not None, patience):
-                break
-            if time.monotonic() >= deadline:
-                raise ArmTimeoutError(
-                    f'controller on port {self.port} did not answer {lines[-1].text} within '
-                    f'{timeout:.1f} s'
-                )
-            self._emit_moving(self._report())
-        for line in lines:
-            if isinstance(line.answer, grbl.ErrorReply):
-                with self._changed:
-                    self._moving = self._moving and lines[0].answer == grbl.Ok()
-                raise ArmProtocolError(
-                    f'controller on port {self.port} refused {line.text} with '
-                    f'{line.answer.meaning}'
-                )
+    # Reports.
 
     def _report(self) -> _Report:
         """Ask for a status report until one comes that tells the position."""
-        deadline = time.monotonic() + self._response_timeout
+        deadline = time.monotonic() + self._link.response_timeout
         while time.monotonic() < deadline:
             stamp = self._clock()
-            with self._changed:
-                self._reports.clear()
-                self._write(grbl.STATUS_QUERY)
-                if not self._until(lambda: bool(self._reports), self._query_timeout):
-                    continue
-                status = self._reports[0]
-                azimuth = self._azimuth(status)
-            if azimuth is not None:
+            status = self._link.report()
+            azimuth = self._azimuth(status) if status is not None else None
+            if status is not None and azimuth is not None:
                 return _Report(stamp, status, azimuth)
         raise ArmTimeoutError(
             f'controller on port {self.port} did not answer a status query within '
-            f'{self._response_timeout:g} s'
+            f'{self._link.response_timeout:g} s'
         )
 
     def _measure(self) -> _Report:
-        """Ask until two reports agree."""
-        deadline = time.monotonic() + self._response_timeout
+        """Ask until two reports agree that the arm stands."""
+        deadline = time.monotonic() + self._link.response_timeout
         last = self._report()
         while time.monotonic() < deadline:
             report = self._report()
-            if report.agrees(last):
+            if report.agrees(last) and not report.status.moves:
                 if report.status.state == 'Alarm':
-                    self._lose(f'controller on port {self.port} is in alarm')
-                    raise ArmAlarmError(f'{self._doubt}; home the arm')
+                    self._link.lose_position(f'controller on port {self.port} is in alarm')
+                    raise ArmAlarmError(f'{self.doubt}; home the arm')
                 return report
             last = report
         raise ArmProtocolError(
-            f'position reports of the controller on port {self.port} do not agree: '
+            f'reports of the controller on port {self.port} do not agree that the arm stands: '
             f'{last.status.state} at {math.degrees(last.azimuth):.3f}°'
         )
 
@@ -582,9 +462,9 @@ class GrblArm:
             return 0.0  # _read_settings says so
         value = status.position[self._axis_index]
         if not status.machine:
-            if self._offset is None:
+            if self._link.offset is None:
                 return None
-            value += self._offset[self._axis_index]
+            value += self._link.offset[self._axis_index]
         return math.radians(value * 25.4 if self._setting(13) else value)
 
     def _tolerance(self) -> float:
@@ -613,93 +493,5 @@ class GrblArm:
         self._listener(state)
         return state
 
-    def _require_certainty(self) -> None:
-        with self._changed:
-            self._raise_trouble()
-            if self._doubt:
-                raise ArmPositionError(f'position is uncertain: {self._doubt}; home the arm')
-
     def _sleep(self, seconds: float) -> None:
-        self._until(lambda: False, seconds)
-
-    def _until(self, happened: Callable[[], bool], timeout: float) -> bool:
-        """Wait; raise whatever breaks the running command meanwhile."""
-        deadline = time.monotonic() + timeout
-        with self._changed:
-            while True:
-                self._raise_trouble()
-                if happened():
-                    return True
-                remaining = deadline - time.monotonic()
-                if remaining <= 0.0:
-                    return False
-                self._changed.wait(remaining)
-
-    def _raise_trouble(self) -> None:
-        if self._broken is not None:
-            raise ArmConnectionError(str(self._broken)) from self._broken
-        if self._stop_wanted:
-            raise ArmStoppedError(f'arm on port {self.port} was stopped')
-        if self._incident is not None:
-            raise self._incident
-
-    def _write(self, data: bytes) -> None:
-        with self._changed:
-            self._raise_trouble()
-            self._line.write(data)
-
-    # The reader thread.
-
-    def _read(self) -> None:
-        try:
-            while self._reading:
-                for line in self._assembler.feed(self._line.read()):
-                    with self._changed:
-                        self._receive(grbl.parse(line))
-                        self._changed.notify_all()
-        except ArmConnectionError as error:
-            with self._changed:
-                self._broken = error
-                self._changed.notify_all()
-
-    def _receive(self, message: grbl.Message) -> None:
-        if isinstance(message, grbl.Ok | grbl.ErrorReply):
-            if self._pending:  # else the answer to a line that a reset cut off
-                self._pending.popleft().answer = message
-        elif isinstance(message, grbl.Status):
-            self._reports.append(message)
-            self._offset = message.offset or self._offset
-        elif isinstance(message, grbl.Setting):
-            self._settings[message.number] = message.value
-        elif isinstance(message, grbl.Banner):
-            self._pending.clear()
-            self._banner = message
-            if not self._banner_wanted and not self._doubt:
-                self._lose(f'controller on port {self.port} restarted by itself')
-                self._incident = ArmPositionError(f'position is lost: {self._doubt}')
-            self._banner_wanted = False
-        elif isinstance(message, grbl.Alarm):
-            self._pending.clear()
-            self._moving = False
-            self._doubt = f'controller on port {self.port} reported {message.meaning}'
-            if not self._banner_wanted:  # else the alarm is a part of the reset
-                self._incident = ArmAlarmError(f'{self._doubt}; home the arm')
-        elif isinstance(message, grbl.Malformed):
-            self._noise = (self._noise + message.raw)[:_NOISE]
-            _LOGGER.debug('port %s sent noise: %r', self.port, message.raw)
-
-    def _lose(self, reason: str) -> None:
-        with self._changed:
-            self._doubt = self._doubt or reason
-            self._moving = False
-
-    def _disconnect(self) -> None:
-        with self._changed:
-            self._reading = False
-            self._broken = self._broken or ArmConnectionError(f'port {self.port} was closed')
-            self._changed.notify_all()
-        with suppress(ArmError):
-            self._line.cancel_read()
-        self._reader.join()
-        with suppress(ArmError):
-            self._line.close()
+        self._link.until(lambda: False, seconds)

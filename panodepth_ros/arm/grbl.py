@@ -163,6 +163,11 @@ class Status:
     offset: tuple[float, ...] | None = None
     feed: float | None = None
 
+    @property
+    def moves(self) -> bool:
+        """Whether the controller says that it is moving its axes."""
+        return self.state in ('Run', 'Jog') or (self.state == 'Hold' and self.substate == 1)
+
 
 Message = Ok | ErrorReply | Alarm | Banner | Setting | Feedback | Status | Malformed
 

@@ -146,6 +146,12 @@ def test_unusable_setting_is_named(bench):
         bench.connect()
 
 
+def test_settings_are_those_of_the_axis(bench):
+    bench.serve({111: 0.0})
+    with pytest.raises(ArmProtocolError, match=r'no usable setting \$111'):
+        bench.connect(axis='Y')
+
+
 def test_controller_in_alarm_is_refused_with_what_to_do(bench):
     bench.serve(reset_on_open=False)
     bench.server.alarm(3)
@@ -188,6 +194,7 @@ def test_states_of_a_motion_come_in_the_order_that_frames_are_paired_by(bench):
         assert len(moving) > 2
         assert all(0.0 < sign * state.velocity < 1.01 * SPEED for state in moving)
         assert any(before != state.azimuth != target for state in moving)
+        assert any(sign * state.velocity < 0.9 * SPEED for state in moving)  # as reported
         assert arrived[1:] == (pytest.approx(target), pytest.approx(sign * SPEED))
         assert last == done
         assert last[1:] == (pytest.approx(target), 0.0)
@@ -314,8 +321,10 @@ def test_stop_resends_a_lost_hold(bench):
 
 
 def test_stop_while_homing_leaves_a_standing_arm_of_uncertain_position(bench):
-    bench.serve({22: 1}, home_position=200.0)
-    arm = bench.connect()
+    bench.serve({22: 1, 'max_rate': 200.0}, home_position=0.0)
+    arm = bench.connect(speed=200 * DEG)
+    arm.home()
+    arm.move_to(90 * DEG)
     future = ThreadPoolExecutor(1).submit(arm.home)
     bench.server.wait_until_moving()
     assert arm.stop() is None
@@ -343,6 +352,8 @@ def test_close_stops_an_arm_that_does_not_answer(bench):
     bench.serve()
     arm, future = bench.connect_moving(300 * DEG, response_timeout=0.3)
     bench.server.spoil(lambda data: b'')
+    receive = bench.server.controller.receive
+    bench.server.arm.controller.receive = lambda data, now: receive(data.replace(b'!', b''), now)
     arm.close()
     wait_until(lambda: not bench.server.is_moving(), 'the end of the motion')
     assert isinstance(future.exception(timeout=10), ArmError)
@@ -447,6 +458,19 @@ def test_hold_by_somebody_else_refuses_to_move_until_stopped(bench):
         arm.move_to(1 * DEG)
     arm.stop()
     assert arm.move_to(1 * DEG).azimuth == pytest.approx(1 * DEG)
+
+
+def test_arm_moved_by_somebody_else_is_not_reported_as_standing(bench):
+    bench.serve({'max_rate': 1.0})
+    arm = bench.connect(response_timeout=0.3)
+    bench.states.clear()
+    bench.server.controller.receive(b'$J=G91X10F6\n', time.monotonic())
+    with pytest.raises(ArmProtocolError, match='do not agree that the arm stands: Jog'):
+        arm.measure()
+    assert not bench.states
+    arm.stop()
+    assert not bench.server.is_moving()
+    assert arm.measure().azimuth == pytest.approx(bench.server.true_azimuth(), abs=1e-5)
 
 
 def test_lost_answer_times_out_with_a_stopped_arm_that_can_go_on(bench):

@@ -231,11 +231,11 @@ def test_home_returns_to_the_origin(make_bench):
 
 
 def test_step_after_an_interrupted_return_goes_on_from_where_the_arm_is(make_bench):
-    bench = make_bench(settings={'acceleration': 200.0}, step_deg=60.0)
+    bench = make_bench(settings={'acceleration': 400.0}, step_deg=60.0, speed_deg_s=60.0)
     for _ in range(2):
         assert bench.call('step').success
     home = bench.begin('home')
-    bench.wait_until_moving(beyond=5.0)
+    bench.wait_until_moving(beyond=75.0)  # from step 2 to nearer step 1 or 0
     assert bench.call('stop').success
     assert not bench.ros.result(home).success
     nearest = round(bench.true_degrees() / 60.0)
