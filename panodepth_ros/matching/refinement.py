@@ -25,7 +25,7 @@ Int64Array = npt.NDArray[np.int64]
 #: Half width of the correlation window, rows and columns alike.
 HALF_WINDOW = 3
 #: How strongly neighbours pull, along columns and along rows, against the weight of an estimate.
-VERTICAL_PULL, HORIZONTAL_PULL = 30.0, 5.0
+VERTICAL_PULL, HORIZONTAL_PULL = 60.0, 10.0
 #: Grey-level difference over which the pull falls to 1/e.
 EDGE_SCALE = 7.0
 #: Pull by the grey-level difference, as a share.

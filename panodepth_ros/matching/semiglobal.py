@@ -8,7 +8,6 @@ what only one eye sees, refined (``refinement``) and given a probability (``conf
 
 from __future__ import annotations
 
-import mmap
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -47,9 +46,9 @@ Float32Array = npt.NDArray[np.float32]
 Scalar = TypeVar('Scalar', bound=np.generic)
 
 #: Disparities that are less probably right than this count as unmatched.
-LEAST_CONFIDENCE = 0.4
+LEAST_CONFIDENCE = 0.3
 #: Most rows of a tile, most pixels times candidates, and fewest tiles.
-TILE_ROWS, TILE_SIZE, FEWEST_TILES = 128, 9_000_000, 4
+TILE_ROWS, TILE_SIZE, FEWEST_TILES = 128, 10_000_000, 4
 #: Columns, and rows, that one call of the other kernels handles.
 COLUMN_BAND, ROW_BAND = 64, 8
 #: Columns beyond either end along which a row is smoothed.
@@ -253,9 +252,10 @@ def aggregate(
     def run(tile: tuple[int, int, int, int]) -> None:
         top, bottom, start, stop = tile
         if not hasattr(memory, 'costs'):
-            # Pages of its own go back to the system at once, unlike what malloc hands out.
-            memory.costs = np.frombuffer(mmap.mmap(-1, most_costs), np.uint8)
-            memory.totals = np.frombuffer(mmap.mmap(-1, 2 * most_totals), np.uint16)
+            # One piece: malloc keeps it for the next match if small, gives it back if large.
+            block = np.empty(most_costs + 2 * most_totals, np.uint8)
+            memory.costs = block[:most_costs]
+            memory.totals = block[most_costs:].view(np.uint16)
         found = np.full((bottom - top, stop - start + lanes), NOBODY, np.uint32)
         match_tile(
             *_surroundings(pair, tile, lanes), top - max(top - MARGIN_ROWS, 0), pair.candidates,
