@@ -44,8 +44,8 @@ def match_sgbm(
     """
     pair = grey_pair(left, right)
     matcher = cv2.StereoSGBM.create(
-        minDisparity=pair.first,
-        numDisparities=_whole_sixteens(pair),
+        minDisparity=1,
+        numDisparities=whole_sixteens(pair),
         blockSize=SGBM_BLOCK,
         P1=8 * SGBM_BLOCK**2,
         P2=32 * SGBM_BLOCK**2,
@@ -53,7 +53,7 @@ def match_sgbm(
         uniquenessRatio=UNIQUENESS,
         mode=cv2.STEREO_SGBM_MODE_SGBM,
     )
-    return _match(pair, matcher)
+    return match_by(pair, matcher)
 
 
 def match_bm(
@@ -65,11 +65,11 @@ def match_bm(
     Parameters and returns as in :func:`panodepth_ros.matching.match`.
     """
     pair = grey_pair(left, right)
-    matcher = cv2.StereoBM.create(_whole_sixteens(pair), BM_BLOCK)
-    matcher.setMinDisparity(pair.first)
+    matcher = cv2.StereoBM.create(whole_sixteens(pair), BM_BLOCK)
+    matcher.setMinDisparity(1)
     matcher.setDisp12MaxDiff(BACK_TOLERANCE)
     matcher.setUniquenessRatio(UNIQUENESS)
-    return _match(pair, matcher)
+    return match_by(pair, matcher)
 
 
 def prepare() -> None:
@@ -80,13 +80,28 @@ def prepare() -> None:
     match_correlation(pad(pair), np.zeros(grey.shape, np.int32))
 
 
-def _whole_sixteens(pair: GreyPair) -> int:
+def whole_sixteens(pair: GreyPair) -> int:
+    """Return the number of candidates, rounded up to what OpenCV can search."""
     return -(-(pair.last - pair.first + 1) // 16) * 16
 
 
-def _match(pair: GreyPair, matcher: Any) -> Correspondence:
+def match_by(pair: GreyPair, matcher: Any) -> Correspondence:
+    """
+    Match by one of OpenCV's matchers.
+
+    Parameters
+    ----------
+    pair : GreyPair
+        H × W.
+    matcher : cv2.StereoMatcher
+        Its smallest disparity is 1 and it searches as many as :func:`whole_sixteens` says.
+
+    Returns
+    -------
+    Correspondence
+    """
     columns = pair.left.shape[1]
-    margin = _whole_sixteens(pair) + SEAM_COLUMNS
+    margin = whole_sixteens(pair) + SEAM_COLUMNS
     mirrored = np.arange(columns - 1 + margin, -1 - margin, -1)
     found = matcher.compute(
         _at_columns(pair.left, pair.left_seen, mirrored),
