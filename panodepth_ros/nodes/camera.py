@@ -278,12 +278,18 @@ class CameraNode(Node):
         """Read a frame; a source that was lost is opened again as often as it takes."""
         while True:
             try:
-                return (self._source or self._reopened()).read()
+                source = self._source or self._reopened()
+                frame = source.read()
             except SourceLostError as error:
                 self._report(f'{error}; trying to open it again')
                 if self._source is not None:
                     self._source.close()
                     self._source = None
+            else:
+                if self._trouble:
+                    self._trouble = ''
+                    self.get_logger().info(f'{source.name} delivers again')
+                return frame
 
     def _reopened(self) -> FrameSource:
         backoff = _FIRST_BACKOFF
@@ -300,8 +306,6 @@ class CameraNode(Node):
                     f'{self._source.name} came back with {self._source.size[0]} by '
                     f'{self._source.size[1]} pixels; it had {size[0]} by {size[1]}'
                 )
-            self.get_logger().info(f'{self._source.name} delivers again')
-            self._trouble = ''
             return self._source
         raise SourceClosedError('the camera node ends')
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -171,10 +172,27 @@ def test_a_frame_is_the_mean_of_finer_ones(furnished: Room) -> None:
 
 
 def test_a_column_is_that_of_the_whole_frame(furnished: Room) -> None:
-    whole = furnished.render(0.4, CAMERA, RADIUS)
-    for u in (0, 79, 159):
-        column = furnished.render(0.4, CAMERA.column(u), RADIUS)
-        np.testing.assert_allclose(column[:, 0].astype(int), whole[:, u], atol=1)
+    for gamma in np.arange(0.0, 6.0, 0.7):
+        whole = furnished.render(gamma, CAMERA, RADIUS)
+        for u in (0, 79, 159):
+            column = furnished.render(gamma, CAMERA.column(u), RADIUS)
+            np.testing.assert_allclose(column[:, 0].astype(int), whole[:, u], atol=1)
+
+
+def test_nothing_in_view_is_left_out(furnished: Room, textures: Textures) -> None:
+    """A closed room whose every face shines has no dark pixel, however little of a face shows."""
+    shining = Material('paint', 1.0, glow=1.0)
+    solids = [
+        replace(solid, material=shining, faces={})
+        if isinstance(solid, Box)
+        else replace(solid, material=shining)
+        for solid in furnished.solids
+    ]
+    room = room_of(textures, *solids)
+    for width, field_of_view in ((24, 34.0), (24, 100.0), (2, 1.0)):
+        camera = RoomCamera.from_field_of_view(width, 18, math.radians(field_of_view))
+        for gamma in np.arange(0.0, 6.28, 0.1):
+            assert room.render(gamma, camera, RADIUS).min() > 150
 
 
 def test_frames_look_lit(furnished: Room) -> None:
