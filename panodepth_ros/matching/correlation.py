@@ -116,12 +116,17 @@ def pad(pair: GreyPair) -> PaddedPair:
 
 def _centred(
     grey: npt.NDArray[np.uint8], seen: npt.NDArray[np.bool_], columns: npt.NDArray[np.int64]
-) -> npt.NDArray[np.int16]:
+) -> Int16Array:
+    """Centre the grey levels at the given columns, which go up by one and wrap around."""
     rows = grey.shape[0]
     centred = np.zeros((rows + WIDTH + 1, columns.size), np.int16)
-    centred[N + 1 : N + 1 + rows] = grey[:, columns]
-    centred[N + 1 : N + 1 + rows] -= 128
-    centred[:, ~seen[columns]] = 0
+    image = centred[N + 1 : N + 1 + rows]
+    at = 0
+    while at < columns.size:  # whole runs of columns: many times faster than one by one
+        run = grey[:, columns[at] :][:, : columns.size - at]
+        np.subtract(run, 128, out=image[:, at : at + run.shape[1]], dtype=np.int16)
+        at += run.shape[1]
+    image[:, ~seen[columns]] = 0
     return centred
 
 
