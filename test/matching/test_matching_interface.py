@@ -193,7 +193,7 @@ def test_panoramas_of_unequal_geometry_are_refused() -> None:
 
 def test_unknown_method_and_too_few_threads_are_refused() -> None:
     pair = pair_of(*[np.zeros((12, 100), np.uint8)] * 2, 15)
-    with pytest.raises(ValueError, match="method is 'magic'; allowed: .*ncc"):
+    with pytest.raises(ValueError, match=r"method is 'magic'; allowed: .*ncc"):
         match(*pair, method='magic')
     with pytest.raises(ValueError, match="method is 'magic'"):
         prepare('magic')
