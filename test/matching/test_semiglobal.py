@@ -27,6 +27,13 @@ def matched(pair: tuple[Panorama, Panorama], threads: int = 1) -> Correspondence
     return match(*pair, method='semiglobal', threads=threads)
 
 
+def raw_match(left: npt.NDArray[np.uint8], right: npt.NDArray[np.uint8]) -> Correspondence:
+    """Match and keep everything, however improbable."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(semiglobal, 'LEAST_CONFIDENCE', 0.0)
+        return matched(pair_of(left, right, CANDIDATES))
+
+
 def slanted(rows: int = ROWS, columns: int = COLUMNS) -> npt.NDArray[np.float64]:
     """A disparity that wanders smoothly around the turn between 12.3 and 31.7."""
     x = 2 * np.pi * np.arange(columns) / columns
@@ -107,10 +114,16 @@ def test_unrelated_images_are_not_trusted() -> None:
 
 @pytest.mark.parametrize('columns_rolled', [1, 7, 159, -3])
 def test_rolling_both_panoramas_rolls_the_result(columns_rolled: int) -> None:
-    left, right = wandering_pair(noise=3.0)
-    here = matched(pair_of(left, right, CANDIDATES))
+    # Hardly more than noise: where tiles begin and end must show everywhere if it can show at all.
+    rng = np.random.default_rng(8)
+    plain = np.full((ROWS, COLUMNS), 128.0)
+    plain[:, ::40] += 20
+    left, right = (
+        np.rint(plain + rng.normal(0, 2, plain.shape)).astype(np.uint8) for _ in range(2)
+    )
+    here = raw_match(left, right)
     rolled = [np.roll(image, columns_rolled, axis=1) for image in (left, right)]
-    there = matched(pair_of(*rolled, CANDIDATES))
+    there = raw_match(*rolled)
     for name in ('column_disparity', 'confidence'):
         expected = np.roll(getattr(here, name), columns_rolled, axis=1)
         np.testing.assert_array_equal(getattr(there, name), expected)
@@ -155,6 +168,34 @@ def test_unseen_columns_are_nan_and_spoil_no_neighbour() -> None:
     # Where the right eye has the gap there may be no match, but no wrong one.
     assert np.nanmax(error) < 1
     assert np.isfinite(error[:, left_seen]).mean() > 0.97
+
+
+def test_what_stands_in_unseen_left_columns_pulls_no_neighbour() -> None:
+    rng = np.random.default_rng(9)
+    right = noise_image(rng, ROWS, COLUMNS)
+    right[:, 140:200] = 128
+    left = np.roll(right, -40, axis=1)
+    # In the middle of the plain part stands, unseen, a perfect match at disparity 5.
+    seen = np.ones(COLUMNS, bool)
+    seen[125:135] = False
+    left[:, 125:135] = right[:, 130:140]
+    found = matched(pair_of(left, right, CANDIDATES, left_seen=seen)).column_disparity
+    beside = found[:, 135:150]
+    assert np.isfinite(beside).mean() > 0.9
+    assert np.nanmax(np.abs(beside - 40)) < 1
+
+
+def test_what_stands_in_unseen_right_columns_attracts_no_match() -> None:
+    rng = np.random.default_rng(10)
+    wall = rng.normal(128, 4, (ROWS, COLUMNS))
+    left = np.rint(wall + rng.normal(0, 2, wall.shape)).astype(np.uint8)
+    right = np.rint(np.roll(wall, 30, axis=1) + rng.normal(0, 2, wall.shape)).astype(np.uint8)
+    # Without noise and thus better than the true match, but unseen: the same at disparity 8.
+    seen = np.ones(COLUMNS, bool)
+    seen[108:130] = False
+    right[:, 108:130] = left[:, 100:122]
+    found = matched(pair_of(left, right, CANDIDATES, right_seen=seen)).column_disparity
+    assert np.mean(np.abs(found[:, 101:121] - 30) <= 1) > 0.8
 
 
 def test_partial_sweep_is_matched_where_both_eyes_saw() -> None:
