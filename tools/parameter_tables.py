@@ -31,11 +31,14 @@ def with_tables(text: str) -> str:
     """
     for node, table in TABLES.items():
         begin, end = f'<!-- parameters of {node} -->', f'<!-- end of {node} -->'
-        pattern = re.compile(f'({re.escape(begin)}\n).*?({re.escape(end)})', re.DOTALL)
+        pattern = re.compile(f'{re.escape(begin)}\n.*?{re.escape(end)}', re.DOTALL)
         rows = markdown_table(table)
-        text, count = pattern.subn(lambda m, rows=rows: f'{m[1]}{rows}\n{m[2]}', text)
-        if count != 1:
-            raise ValueError(f'README has {count} places for the parameters of {node}; allowed: 1')
+        places = pattern.findall(text)
+        if len(places) != 1:
+            raise ValueError(
+                f'README has {len(places)} places for the parameters of {node}; allowed: 1'
+            )
+        text = pattern.sub(f'{begin}\n{rows}\n{end}'.replace('\\', r'\\'), text)
     return text
 
 

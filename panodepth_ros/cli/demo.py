@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 import os
-import random
 import shutil
 import sys
 import tempfile
@@ -23,6 +22,7 @@ from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
 from panodepth_ros.cli.demo_report import report
+from panodepth_ros.cli.domain import claimed_domain
 from panodepth_ros.cli.processes import ProcessError, Processes
 
 #: Topics that make the bag of the run.
@@ -77,12 +77,13 @@ def run(arguments: argparse.Namespace) -> int:
     output.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(output / 'bag', ignore_errors=True)
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_DOMAIN_ID', str(random.randint(1, 101)))
     logs = output / 'log'
     logs.mkdir(exist_ok=True)
     os.environ['ROS_LOG_DIR'] = str(logs.resolve())
     try:
-        sweep = _sweep(parameters.resolve(), output, Processes(logs))
+        with claimed_domain() as domain:
+            os.environ.setdefault('ROS_DOMAIN_ID', str(domain))
+            sweep = _sweep(parameters.resolve(), output, Processes(logs))
     except ProcessError as error:
         print(f'\npanodepth_ros demo: {error}', file=sys.stderr)
         return 1
@@ -193,7 +194,7 @@ class _Sweep:
         ProcessError
             If the graph does not come up, a process ends or the sweep is given up.
         """
-        print('starting the nodes', flush=True)
+        print('starting the nodes; the first time they compile, for half a minute', flush=True)
         # The recorder listens to all of these, this node to the results, the graph to the rest.
         listeners = {'image_raw': 2, 'joint_states': 2, 'left/image': 3, 'scan': 2}
         self._until(
@@ -208,8 +209,9 @@ class _Sweep:
         while len(self.results) < len(_RESULTS):
             self._spin()
             now = time.monotonic()
-            if self._progress < shown:
-                raise ProcessError('the mosaicer gave the sweep up; its log says why')
+            if math.isnan(self._progress):
+                said = self._processes.output('mosaicer')
+                raise ProcessError(f'the mosaicer gave the sweep up:\n{said}')
             if self._progress > shown:
                 _show_progress(shown, self._progress, now - began)
                 shown, moved = self._progress, now

@@ -56,7 +56,7 @@ class Processes:
             if process.poll() is not None:
                 del self._running[name]
                 raise ProcessError(
-                    f'{name} ended with code {process.returncode}:\n{self._tail(name)}'
+                    f'{name} ended with code {process.returncode}:\n{self.output(name)}'
                 )
 
     def stop(self) -> None:
@@ -80,11 +80,12 @@ class Processes:
                 process.kill()
                 process.wait()
             if process.returncode != 0:
-                faults.append(f'{name} ended with code {process.returncode}:\n{self._tail(name)}')
+                faults.append(f'{name} ended with code {process.returncode}:\n{self.output(name)}')
         self._running.clear()
         if faults:
             raise ProcessError('\n'.join(faults))
 
-    def _tail(self, name: str) -> str:
+    def output(self, name: str) -> str:
+        """Return the last lines that a process printed."""
         text = (self._logs / f'{name}.log').read_text(errors='replace')
         return '\n'.join(text.splitlines()[-12:])

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
-from math import degrees, radians
 from typing import Any
 
 from rclpy.node import Node
@@ -127,7 +127,7 @@ class Mosaicer(Node):
         self._assembler = Assembler(
             self._settings.rig(),
             ArmTrack(
-                radians(self._settings.standstill_tolerance_deg),
+                math.radians(self._settings.standstill_tolerance_deg),
                 round(self._settings.joint_state_gap * 1e9),
             ),
             round(self._settings.settle_time * 1e9),
@@ -262,7 +262,7 @@ class Mosaicer(Node):
                 )
         elif not self._took_one_column(lead, standstill):
             self._give_up(
-                f'the arm moved {degrees(standstill.azimuth - lead.azimuth):.4f}° on a step; '
+                f'the arm moved {math.degrees(standstill.azimuth - lead.azimuth):.4f}° on a step; '
                 f'column_step_deg is {self._settings.column_step_deg:g}, and so must the '
                 "arm's step be"
             )
@@ -304,7 +304,7 @@ class Mosaicer(Node):
     def _give_up(self, reason: str) -> None:
         self._lead = None
         self._assembler.restart((self._assembler.track.newest or 0) + 1)
-        self._publish_progress(0.0)
+        self._publish_progress(math.nan)
         self.get_logger().error(f'sweep given up, nothing is published: {reason}')
         self._report_drops()
 
@@ -327,8 +327,8 @@ class Mosaicer(Node):
             )
         for first, last in sweep.missing_sectors() if not sweep.complete else []:
             self.get_logger().warning(
-                f'no frame reached the columns from {degrees(first):.1f}° to '
-                f'{degrees(last):.1f}° of arm azimuth; they are unknown'
+                f'no frame reached the columns from {math.degrees(first):.1f}° to '
+                f'{math.degrees(last):.1f}° of arm azimuth; they are unknown'
             )
         duration = panoramas['left'].geometry.sweep_duration
         self.get_logger().info(f'sweep of {sweep.seen.sum()} columns done in {duration:.1f} s')

@@ -108,6 +108,9 @@ class Bench:
     def given_up(self):
         self.ros.spin_until(lambda: self.mosaicer._lead is None, 'the end of the sweep')
         assert not any(self.got.values()), 'a sweep that was given up was published'
+        self.ros.spin_until(
+            lambda: self.progress and math.isnan(self.progress[-1]), 'NaN progress'
+        )
 
 
 @pytest.fixture
