@@ -22,6 +22,8 @@ from panodepth_ros.camera.simulated.textures import LEVELS
 #: Face numbers, see ``solids.FACES``.
 TOP, BOTTOM = 4, 5
 _TINY = 1e-12
+#: Levels of halving per natural logarithm; the oldest numba we support has no log2.
+_PER_LOG = 1.0 / math.log(2.0)
 
 
 class Light(NamedTuple):
@@ -305,7 +307,7 @@ def _shade(  # type: ignore[no-untyped-def]
     else:
         right, down = lx, -ly
     facing = max(-(nx * dx + ny * dy + nz * dz), 0.05)
-    level = math.log2(size / (math.sqrt(facing) * look[k, face, 4]))
+    level = math.log(size / (math.sqrt(facing) * look[k, face, 4])) * _PER_LOG
     blue, green, red = _texture(
         textures,
         surfaces.texture[k, face],

@@ -142,15 +142,14 @@ class Room:
         ndarray of float64, shape (M,)
             To the first surface, in lengths of the direction; +inf where there is none.
         """
-        origins, directions = np.broadcast_arrays(
-            np.atleast_2d(np.asarray(origins, np.float64)),
-            np.atleast_2d(np.asarray(directions, np.float64)),
-        )
-        distances = np.empty(len(origins))
+        starts = np.atleast_2d(np.asarray(origins, np.float64))
+        ways = np.atleast_2d(np.asarray(directions, np.float64))
+        shape = np.broadcast_shapes(starts.shape, ways.shape)
+        distances = np.empty(shape[0])
         raytracer.cast(
             self._geometry,
-            np.ascontiguousarray(origins),
-            np.ascontiguousarray(directions),
+            np.array(np.broadcast_to(starts, shape)),
+            np.array(np.broadcast_to(ways, shape)),
             distances,
         )
         return distances
