@@ -265,8 +265,6 @@ class GrblLink:
         """
         for line in lines:
             if isinstance(line.answer, grbl.ErrorReply):
-                with self._changed:
-                    self.moving = self.moving and lines[0].answer == grbl.Ok()
                 raise ArmProtocolError(
                     f'controller on port {self.port} refused {line.text} with '
                     f'{line.answer.meaning}'
@@ -379,5 +377,4 @@ class GrblLink:
         self._pending.clear()
         self.moving = False
         self._doubt = f'controller on port {self.port} reported {alarm.meaning}'
-        if not self._banner_wanted:  # else the alarm is a part of the reset
-            self._incident = ArmAlarmError(f'{self._doubt}; home the arm')
+        self._incident = ArmAlarmError(f'{self._doubt}; home the arm')

@@ -409,9 +409,7 @@ class SimulatedController:
         def planned(_: float) -> bool:
             if len(self._blocks) >= _PLANNER_BLOCKS:
                 return False
-            last = self._blocks[-1][0] if self._blocks else None
-            if steps != self._steps(last):  # a move without a step is none
-                self._blocks.append((self._azimuth_of(steps), speed))
+            self._blocks.append((self._azimuth_of(steps), speed))
             return True
 
         if not planned(now):

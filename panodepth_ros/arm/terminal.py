@@ -106,10 +106,9 @@ class SimulatedArm:
                 if self._reset_on_open:
                     self.controller.power_up(now)
             self._open = is_open
-            if is_open and events.get(self._master, 0) & select.POLLIN:
+            self.controller.advance(now)
+            if events.get(self._master, 0) & select.POLLIN:  # also what came before a hang-up
                 self.controller.receive(os.read(self._master, 4096), now)
-            else:
-                self.controller.advance(now)
             self.send(self.controller.take_output())
             if not is_open:
                 time.sleep(_OPEN_POLL)  # a hung-up terminal is always ready

@@ -214,7 +214,7 @@ class ArmDriver(Node):
     # --- worker thread ------------------------------------------------------------------------
 
     def _work(self) -> None:
-        while not self._ending:
+        while not self._ending and self.context.ok():
             try:
                 job = self._jobs.get(timeout=1.0 / self._settings.status_rate)
             except queue.Empty:
@@ -222,6 +222,9 @@ class ArmDriver(Node):
             else:
                 if job is not None:
                     job()
+        # A signal may have ended the process before anybody had the node to destroy.
+        if self._arm is not None:
+            self._arm.close()
 
     def _step(self, arm: GrblArm) -> str:
         here = self._last_state.azimuth if self._last_state is not None else 0.0
@@ -256,7 +259,6 @@ class ArmDriver(Node):
         except (ArmConnectionError, ArmTimeoutError) as error:
             self._arm = None
             arm.close()
-            self._grid.lose()
             self._backoff = _FIRST_BACKOFF
             self._retry_at = time.monotonic() + self._backoff
             self._report(f'{error}; trying to reopen it')

@@ -249,6 +249,13 @@ def test_inches_and_work_coordinates_are_understood(bench, settings):
         assert bench.server.true_azimuth() == pytest.approx(target * DEG, abs=1e-8)
 
 
+def test_work_offset_is_remembered_between_the_reports_that_carry_it(bench):
+    bench.serve({**FAST, 10: 0}, work_offset=7.0)
+    arm = bench.connect(response_timeout=0.3)
+    bench.server.spoil(lambda data: re.sub(rb'\|WCO:[^|>]*', b'', data))
+    assert arm.move_to(12 * DEG).azimuth == pytest.approx(12 * DEG)
+
+
 def test_motor_facts_are_read(bench):
     bench.serve({'steps_per_degree': 40.0, 1: 25})
     arm = bench.connect()
@@ -350,7 +357,7 @@ def test_close_stops_a_moving_arm_and_frees_the_port(bench):
 
 def test_close_stops_an_arm_that_does_not_answer(bench):
     bench.serve()
-    arm, future = bench.connect_moving(300 * DEG, response_timeout=0.3)
+    arm, future = bench.connect_moving(3000 * DEG, response_timeout=0.3)
     bench.server.spoil(lambda data: b'')
     receive = bench.server.controller.receive
     bench.server.arm.controller.receive = lambda data, now: receive(data.replace(b'!', b''), now)

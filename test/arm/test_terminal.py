@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 
 import pytest
 import serial
@@ -57,6 +58,17 @@ def test_controller_that_runs_on_keeps_its_count(link):
                 wait_until(lambda: not server.is_moving(), 'the end of the motion')
     finally:
         server.unplug()
+
+
+def test_what_was_sent_while_the_port_was_closed_is_lost(link):
+    with SimulatedArm(link, reset_on_open=False) as arm:  # its banner has gone out
+        with serial.Serial(str(link), 115200, timeout=10.0) as port:
+            thread = threading.Thread(target=arm.run)
+            thread.start()
+            port.write(b'?')
+            assert port.readline().startswith(b'<Idle|')
+        arm.stop()
+        thread.join()
 
 
 def test_unplugging_ends_reading(server):

@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from panodepth_ros.arm.errors import ArmAlarmError, ArmConnectionError, ArmTimeoutError
-from panodepth_ros.nodes.arm_driver import ArmDriver
+from panodepth_ros.nodes.arm_driver import ArmDriver, ArmDriverParameters
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.messages import to_nanoseconds
 from panodepth_ros.ros.parameters import ParameterError
@@ -170,6 +170,7 @@ def test_standing_arm_is_reported_and_its_rate_may_change(make_bench):
     )
     (result,) = bench.ros.result(client.call_async(request)).results
     assert result.successful
+    assert bench.driver._arm.status_period == 0.02
     bench.joint_states.clear()
     bench.ros.spin_until(lambda: len(bench.joint_states) >= 20, '20 joint states')
     stamps = [to_nanoseconds(m.header.stamp) for m in bench.joint_states[2:]]
@@ -264,7 +265,7 @@ def test_arm_with_a_switch_steps_only_after_homing(make_bench, ros, tmp_path):
 # --- faults -----------------------------------------------------------------------------------
 
 
-def test_reboot_makes_steps_fail_until_homed(make_bench):
+def test_reboot_makes_steps_fail_until_homed(make_bench, capfd):
     bench = make_bench(step_deg=1.0)
     bench.call('step')
     bench.server.reboot()
@@ -274,6 +275,7 @@ def test_reboot_makes_steps_fail_until_homed(make_bench):
     assert not answer.success
     assert 'restarted by itself' in answer.message
     assert bench.status().level == DiagnosticStatus.ERROR
+    assert capfd.readouterr().err.count('[ERROR]') == 1  # logged once, not at each measurement
     assert all(m.position[0] != 0.0 for m in bench.joint_states[count:])
     assert bench.call('home').success
     assert bench.call('step').success
@@ -378,6 +380,12 @@ def test_bad_parameter_is_refused_with_a_sentence(ros, parameters, message):
         make_driver(ros, **parameters)
 
 
+@pytest.mark.parametrize('sign', [1, -1])
+def test_step_is_exactly_a_whole_fraction_of_a_turn(sign):
+    step = ArmDriverParameters(step_deg=sign * 0.0514286).step
+    assert 7000 * step == pytest.approx(sign * 2 * math.pi, abs=1e-12)
+
+
 def test_step_smaller_than_a_motor_step_is_refused_and_the_port_left_free(ros, tmp_path):
     server = ArmServer(tmp_path / 'arm')
     try:
@@ -411,6 +419,13 @@ def test_silent_port_is_a_timeout_error(ros):
             make_driver(ros, port=port.name)
     finally:
         port.close()
+
+
+def test_port_is_closed_when_ros_ends_before_the_node(make_bench):
+    bench = make_bench()
+    bench.ros.context.shutdown()
+    wait_until(lambda: not bench.driver._worker.is_alive(), 'the end of the worker')
+    wait_until(lambda: not bench.server.arm._open, 'the closing of the port')
 
 
 # --- the process ------------------------------------------------------------------------------

@@ -5,7 +5,9 @@ import signal
 import sys
 
 import pytest
-from fixtures.ros import DOMAINS, claimed_domain, started
+from fixtures.ros import started
+
+from panodepth_ros.cli.domain import DOMAINS, claimed_domain
 
 
 def test_every_claim_is_another_domain() -> None:
