@@ -11,6 +11,10 @@ from panodepth_ros.geometry import Points
 
 #: Pixels whose distances differ by no more than this share belong to one surface.
 SURFACE_DEPTH = 0.04
+#: A surface may find its support within this angle to either side of a beam [rad].
+NEIGHBOURHOOD = np.deg2rad(2.0)
+#: Resolution at which support is counted, as a share of the distance.
+_DEPTH_STEP = 0.005
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,8 +32,8 @@ class ScanSettings:
         Height band above the optical centre [m], both included.
     min_confidence : float
         Least confidence of a pixel that counts.
-    min_support : int
-        Least number of pixels that make a surface.
+    min_support : float
+        Least sum of confidences that makes a surface.
     row : int
         Use this single row of the panorama instead of the height band; −1 for the band.
 
@@ -44,8 +48,8 @@ class ScanSettings:
     range_max: float = 8.0
     min_height: float = -0.15
     max_height: float = 0.15
-    min_confidence: float = 0.0
-    min_support: int = 3
+    min_confidence: float = 0.3
+    min_support: float = 10.0
     row: int = -1
 
     def __post_init__(self) -> None:
@@ -97,8 +101,12 @@ def laser_ranges(
 
     Notes
     -----
-    A surface is the nearest group of at least ``min_support`` pixels of one beam whose distances
-    lie within :data:`SURFACE_DEPTH` of the nearest of them; its range is their median.
+    A surface is a group of pixels whose distances lie within :data:`SURFACE_DEPTH` of the nearest
+    of them and whose confidences sum up to ``min_support``. It needs one pixel in the beam
+    itself; the others may be in beams within :data:`NEIGHBOURHOOD`: an edge that is a pixel high
+    but a hand wide has support, a pole has it from its own rows, a speckle has none. The range
+    is the median distance of the nearest surface's pixels in the beam. A single row needs no
+    support.
     """
     distance, azimuth, height = points.radial_distance, points.azimuth, points.height
     if confidence.shape != distance.shape:
@@ -113,14 +121,10 @@ def laser_ranges(
             use &= (height >= settings.min_height) & (height <= settings.max_height)
     beam = np.rint((azimuth[use] + np.pi) / settings.angle_increment).astype(np.int64)
     beam %= settings.beams
-    found = distance[use]
-    support = 1 if settings.row >= 0 else settings.min_support
-    return _as_ranges(_nearest_surfaces(beam, found, settings.beams, support), settings)
-
-
-def _as_ranges(
-    nearest: npt.NDArray[np.float64], settings: ScanSettings
-) -> npt.NDArray[np.float32]:
+    # Whatever lies beyond range_max is +inf in the end, however far it is.
+    found = np.minimum(distance[use], 2 * settings.range_max)
+    support = 0.0 if settings.row >= 0 else settings.min_support
+    nearest = _nearest_surfaces(beam, found, confidence[use], settings.beams, support)
     with np.errstate(invalid='ignore'):
         nearest = np.where(nearest > settings.range_max, np.inf, nearest)
         nearest = np.where(nearest < settings.range_min, -np.inf, nearest)
@@ -128,23 +132,41 @@ def _as_ranges(
 
 
 def _nearest_surfaces(
-    beam: npt.NDArray[np.int64], distance: npt.NDArray[np.float64], beams: int, support: int
+    beam: npt.NDArray[np.int64],
+    distance: npt.NDArray[np.float64],
+    confidence: npt.NDArray[np.float32],
+    beams: int,
+    support: float,
 ) -> npt.NDArray[np.float64]:
     """Distance of the nearest supported surface of each beam, NaN where there is none."""
-    order = np.lexsort((distance, beam))
-    beam, distance = beam[order], distance[order]
-    index = np.arange(beam.size)
-    # Sorted by beam, then distance: pixel i starts a surface if the pixel `support − 1` places
-    # on is of the same beam and close enough.
-    last = index + support - 1
-    inside = last < beam.size
-    reachable = np.minimum(last, max(beam.size - 1, 0))
-    starts = inside & (beam[reachable] == beam)
-    starts &= distance[reachable] <= distance * (1 + SURFACE_DEPTH)
     nearest = np.full(beams, np.nan)
-    first_beam, first = np.unique(beam[starts], return_index=True)
-    ends = np.searchsorted(beam, first_beam, side='right')
-    for k, start, end in zip(first_beam, index[starts][first], ends, strict=True):
-        group = distance[start:end]
-        nearest[k] = np.median(group[group <= group[0] * (1 + SURFACE_DEPTH)])
+    if not beam.size:
+        return nearest
+    level = (np.log(distance / distance.min()) / _DEPTH_STEP).astype(np.int64)
+    levels = int(level.max()) + 1
+    depth = int(np.log1p(SURFACE_DEPTH) / _DEPTH_STEP) + 1
+    own = np.zeros((beams, levels + depth), np.float32)
+    np.add.at(own, (beam, level), confidence)
+    pooled = _sums(own, depth, axis=1)[:, :levels]
+    reach = round(NEIGHBOURHOOD / (2 * np.pi) * beams)
+    pooled = _sums(
+        np.concatenate([pooled[beams - reach :], pooled, pooled[:reach]]), 2 * reach + 1
+    )
+    supported = (pooled >= support) & (own[:, :levels] > 0)
+    first = np.where(supported.any(axis=1), supported.argmax(axis=1), levels + depth)
+    inside = (level >= first[beam]) & (level < first[beam] + depth)
+    order = np.lexsort((distance[inside], beam[inside]))
+    of_beam, of_distance = beam[inside][order], distance[inside][order]
+    for k in np.unique(of_beam):
+        start, end = np.searchsorted(of_beam, (k, k + 1))
+        nearest[k] = np.median(of_distance[start:end])
     return nearest
+
+
+def _sums(values: npt.NDArray[np.float32], width: int, axis: int = 0) -> npt.NDArray[np.float32]:
+    """Sums of ``width`` neighbours along an axis; the first at index 0."""
+    total = np.cumsum(values, axis=axis, dtype=np.float64)
+    total = np.concatenate([np.zeros_like(np.take(total, [0], axis=axis)), total], axis=axis)
+    high = np.take(total, np.arange(width, total.shape[axis]), axis=axis)
+    low = np.take(total, np.arange(total.shape[axis] - width), axis=axis)
+    return (high - low).astype(np.float32)

@@ -15,7 +15,7 @@ def scan(points, *, confidence=1.0, **change):
     """Scan of (distance, azimuth, height[, confidence]) tuples, as a panorama of one row."""
     columns = np.array([(*point, confidence)[:4] for point in points], dtype=np.float64)
     distance, azimuth, height, sure = columns.T[:, np.newaxis, :]
-    values = {'beams': BEAMS, 'min_support': 1, 'range_max': 10.0, 'min_confidence': 0.5}
+    values = {'beams': BEAMS, 'min_support': 0.0, 'range_max': 10.0, 'min_confidence': 0.5}
     return laser_ranges(
         Points(distance, azimuth, height), sure.astype(np.float32), ScanSettings(**values | change)
     )
@@ -46,13 +46,38 @@ def test_nearest_surface_of_a_beam_counts():
 def test_surface_needs_support_at_its_own_distance():
     speckle = [(1.0, 0.0, 0.0), (1.03, 0.0, 0.0)]
     wall = [(2.0, 0.0, 0.0), (2.02, 0.0, 0.05), (2.04, 0.0, -0.05)]
-    assert scan(speckle + wall, min_support=3)[180] == pytest.approx(2.02)
-    assert scan(speckle, min_support=3)[180] != scan(speckle, min_support=3)[180]  # NaN
+    assert scan(speckle + wall, min_support=2.5)[180] == pytest.approx(2.02)
+    assert np.isnan(scan(speckle, min_support=2.5)[180])
 
 
-def test_support_does_not_leak_into_the_next_beam():
-    points = [(2.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, math.radians(1), 0.0)]
-    assert np.isnan(scan(points, min_support=3)).all()
+def test_pixels_support_a_surface_by_their_confidence():
+    edge = [(2.0, 0.0, 0.0, 0.6)] * 4
+    assert scan(edge, min_support=2.3)[180] == 2.0
+    assert np.isnan(scan(edge, min_support=2.5)[180])
+
+
+@pytest.mark.parametrize(('away', 'supported'), [(2.0, True), (3.0, False)])
+def test_support_may_come_from_beams_within_two_degrees(away, supported):
+    points = [(2.0, 0.0, 0.0)] + [(2.0, math.radians(away), 0.0)] * 2
+    ranges = scan(points, min_support=2.5)
+    assert np.isfinite(ranges[180]) == supported
+    assert np.isnan(ranges[181]), 'a beam without a pixel of its own stays unknown'
+
+
+def test_support_is_found_across_the_seam():
+    points = [(2.0, -math.pi, 0.0)] + [(2.0, math.pi - math.radians(1), 0.0)] * 2
+    ranges = scan(points, min_support=2.5)
+    assert np.flatnonzero(np.isfinite(ranges)).tolist() == [0, BEAMS - 1]
+
+
+def test_surfaces_of_different_distance_do_not_support_each_other():
+    points = [(2.0, 0.0, 0.0), (2.12, 0.0, 0.0), (2.25, 0.0, 0.0)]
+    assert np.isnan(scan(points, min_support=1.5)[180])
+
+
+def test_range_is_the_median_of_the_beams_own_pixels():
+    points = [(2.0, 0.0, 0.0), (2.02, 0.0, 0.0), (2.05, 0.0, 0.0), (2.06, math.radians(1), 0.0)]
+    assert scan(points, min_support=3.5)[180] == pytest.approx(2.02)
 
 
 def test_only_the_height_band_counts():

@@ -38,7 +38,7 @@ class DepthParameters:
         2, 'Threads that match; the result does not depend on it', bounds=(1, 64), live=True
     )
     min_confidence: float = parameter(
-        0.5, 'Pixels of less confidence are unknown', bounds=(0.0, 1.0), live=True
+        0.3, 'Pixels of less confidence are unknown', bounds=(0.0, 1.0), live=True
     )
     beams: int = parameter(720, 'Beams of the scan', bounds=(60, 7200))
     range_min: float = parameter(
@@ -61,8 +61,11 @@ class DepthParameters:
         bounds=(-100.0, 100.0),
         live=True,
     )
-    min_support: int = parameter(
-        3, 'Pixels of one distance that make a surface of a beam', bounds=(1, 1000), live=True
+    min_support: float = parameter(
+        10.0,
+        'Sum of the confidences of pixels of one distance that make a surface of a beam',
+        bounds=(0.0, 10000.0),
+        live=True,
     )
     row: int = parameter(
         -1,
