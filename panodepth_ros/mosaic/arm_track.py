@@ -102,9 +102,9 @@ class ArmTrack:
         elif self._still and near and same:
             self._standstills[-1].end = stamp
         else:
-            inherited = self._still and same and self._standstills[-1].arrived
-            moved = self._newest is not None and not (self._still and same)
-            self._standstills.append(Standstill(position, stamp, stamp, inherited or moved))
+            goes_on = self._still and same  # after a silence
+            arrived = self._standstills[-1].arrived if goes_on else self._newest is not None
+            self._standstills.append(Standstill(position, stamp, stamp, arrived))
             self._still = True
         self._position = position
         self._first = stamp if self._first is None else self._first

@@ -52,6 +52,23 @@ def test_silence_of_the_joint_states_is_not_taken_for_standing():
     assert silent.at(2005 * MS).arrived
 
 
+def test_silence_of_a_standing_arm_is_no_arrival():
+    silent = track((0, 0.0, 0.0), (10, 0.0, 0.0), (2000, 0.0, 0.0), (2010, 0.0, 0.0))
+    assert silent.at(2005 * MS) == 'arm was not seen to arrive'
+
+
+def test_another_position_after_a_silence_is_an_arrival():
+    silent = track((0, 0.0, 0.0), (2000, 0.1, 0.0), (2010, 0.1, 0.0))
+    assert silent.at(2005 * MS).azimuth == 0.1
+
+
+def test_longest_gap_and_tolerance_are_included():
+    built = track((0, 0.0, 0.5), (10, 0.5, 0.0), (1010, 0.5, 0.0), tolerance=0.25)
+    assert built.at(500 * MS).start == 10 * MS
+    built.add(1020 * MS, 0.75, 0.0)
+    assert built.at(1015 * MS).start == 10 * MS
+
+
 def test_positions_alone_tell_of_an_arm_without_velocity():
     states = [(0, 0.0, None), (10, 0.0, None), (20, 0.1, None), (30, 0.2, None), (40, 0.2, None)]
     built = track(*states)
@@ -91,5 +108,6 @@ def test_memory_of_old_standstills_is_bounded():
     built = track(gap_ms=10**6)
     for k in range(1000):
         built.add(k * 1000 * MS, k * 0.1, 0.0)
-    assert len(built._standstills) < 40
-    assert built.at(1 * MS) == 'no joint state near its stamp'
+    assert len(built._standstills) == 31  # 30 s and the newest
+    assert built.at(967_999 * MS) == 'no joint state near its stamp'
+    assert built.at(969_000 * MS).azimuth == pytest.approx(96.9)
