@@ -111,6 +111,34 @@ def test_frame_before_settling_gives_way_to_the_next():
     assert sorted(row.tolist()) == [k + 100 for k in range(1, COLUMNS + 1)]
 
 
+def test_frames_before_settling_are_counted_and_do_not_serve():
+    built = assembler(settle_ms=15)
+    play(built, recording(1)[:-2])  # up to the frame 10 ms after the arrival
+    assert not built.has_frame_of(built.track.current)
+    play(built, recording(1)[-2:])
+    assert built.drops['frame: arm was settling'] == 1
+
+
+def test_frame_that_comes_just_when_the_arm_has_settled_serves():
+    built = assembler(settle_ms=10)
+    (sweep,) = play(built, recording())
+    assert sorted(sweep.panoramas()['left'].image[0].tolist()) == list(range(1, COLUMNS + 1))
+
+
+def test_frame_before_any_calibration_is_dropped_and_counted():
+    built = Assembler(RIG, ArmTrack(1e-6, 1000 * MS), 0)
+    built.add_frame(1, image(0))
+    built.add_frame(2, image(0))
+    assert built.drops == {'frame before any camera_info': 2}
+
+
+def test_standstill_that_begins_with_the_sweep_counts():
+    built = assembler()
+    built.restart(50 * MS + PERIOD)  # the stamp of the first arrival
+    play(built, recording(1))
+    assert built.sweep is not None
+
+
 @pytest.mark.parametrize('late_by', [0, 1])
 def test_frame_twice_or_out_of_order_is_dropped_and_counted(late_by):
     built = assembler()
@@ -156,6 +184,7 @@ def test_changed_calibration_gives_the_sweep_up():
     assert built.sweep is not None
     built.set_camera(PinholeCamera(width=21, height=7, fx=31.0, fy=31.0, cx=10.0, cy=3.0))
     assert built.sweep is None
+    assert built.drops['sweep given up: camera_info changed'] == 1
 
 
 def test_calibration_that_does_not_fit_the_columns_is_refused():

@@ -102,6 +102,8 @@ def test_sweep_is_complete_with_its_last_column_and_not_before():
 def test_arm_past_the_end_of_the_sweep():
     sweep = swept([0.0])
     assert not sweep.beyond(89 * STEP)
+    assert not sweep.beyond(89.5 * STEP - 1e-9)
+    assert sweep.beyond(89.5 * STEP + 1e-9)
     assert sweep.beyond(90 * STEP)
     assert sweep.beyond(-90 * STEP)
 
@@ -126,6 +128,8 @@ def test_rows_bent_out_of_the_image_are_left_out():
     panorama = swept([0.0], rig, camera).panoramas()['left']
     assert panorama.geometry.rows < 7
     assert panorama.image.shape[0] == panorama.geometry.rows
+    # The lens is symmetric about the middle row, and so is what is left.
+    assert panorama.geometry.principal_row == (panorama.geometry.rows - 1) / 2
     # Row of slope 0 still shows the image row cy.
     assert panorama.image[round(panorama.geometry.principal_row), COLUMNS // 2, 2] == 3
 
@@ -156,6 +160,12 @@ def test_panoramas_of_nothing_are_refused():
         Sweep(RIG, CAMERA, 0.0).panoramas()
 
 
+def test_progress_never_exceeds_one():
+    rig = Rig(arm_radius=0.3, column_offset=8.0, columns=COLUMNS, sweep_columns=10)
+    sweep = swept([k * STEP for k in range(12)], rig)
+    assert sweep.progress == 1.0
+
+
 @pytest.mark.parametrize(('step', 'columns'), [(0.2, 1800), (0.0514285, 7000), (-0.2, 1800)])
 def test_columns_of_a_turn(step, columns):
     assert columns_per_turn(step) == columns
@@ -164,3 +174,5 @@ def test_columns_of_a_turn(step, columns):
 def test_step_that_does_not_fit_a_turn_is_refused():
     with pytest.raises(ValueError, match=r'column_step_deg is 0\.7'):
         columns_per_turn(0.7)
+    with pytest.raises(ValueError, match=r'1800\.050 columns'):
+        columns_per_turn(360 / 1800.05)
