@@ -110,7 +110,6 @@ def match_by(pair: GreyPair, matcher: Any) -> Correspondence:
     disparity = found[:, margin : margin + columns][:, ::-1].astype(np.float32) / FRACTION
     numbers = np.rint(disparity).astype(np.int32) - 1
     unmatched = (numbers < 0) | (numbers > pair.last - pair.first)
-    unmatched |= ~pair.left_seen
     confidence = match_correlation(pad(pair), np.where(unmatched, -1, numbers))
     unmatched |= np.isnan(confidence)
     disparity += np.float32(pair.first - 1)

@@ -47,6 +47,8 @@ def test_search_range_follows_a_panorama_that_starts_elsewhere(start: int, metho
         right_panorama.geometry, azimuth_column=right_panorama.geometry.azimuth_column + start
     )
     shifted = Panorama(np.roll(right, start, axis=1), geometry)
+    around = (start + columns // 2) % columns - columns // 2  # the short way
+    assert candidate_range(left_panorama.geometry, geometry) == (around + 1, around + 20)
     result = match(left_panorama, shifted, method=method)
     error = (result.column_disparity - truth - start + columns / 2) % columns - columns / 2
     assert np.isfinite(error).mean() > {'sparse': 0.05, 'bm': 0.6}.get(method, 0.97)
@@ -93,10 +95,12 @@ def test_unseen_columns_stay_unmatched_and_spoil_no_neighbour(method: str) -> No
     to = (np.arange(columns) + 21) % columns
     assert not (np.abs(result.column_disparity - truth) < 0.4)[:, ~right_seen[to]].any()
     visible = left_seen & right_seen[to]
-    beside = visible & ~(np.roll(visible, 1) & np.roll(visible, -1))
-    was = np.isfinite(whole.column_disparity)
-    # Beside a gap the Sobel filter and OpenCV's windows see less than the whole picture.
-    assert matched[:, beside].sum() > 0.5 * was[:, beside].sum()
+    gap_near = np.convolve(np.pad(~visible, 2, mode='wrap'), np.ones(5), 'valid') > 0
+    beside = visible & gap_near
+    right_beside = (np.abs(result.column_disparity - truth) <= 1)[:, beside].mean()
+    was_there = np.isfinite(whole.column_disparity)[:, beside].mean()
+    # BM's window and the Sobel filter lack what is in the gap; the others make do without.
+    assert right_beside > {'sparse': 0.5 * was_there, 'bm': 0.75}.get(method, 0.95)
     error = np.abs(result.column_disparity - truth)[:, visible]
     assert (error[matched[:, visible]] > 1).mean() < 0.03
 

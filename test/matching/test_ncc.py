@@ -125,15 +125,22 @@ def test_threads_do_not_change_a_byte(threads: int) -> None:
     assert np.isfinite(one.column_disparity).mean() > 0.8
 
 
-@pytest.mark.parametrize('shift', [1, 77, 128, 299])
-def test_rolling_both_panoramas_rolls_the_result(shift: int) -> None:
+@pytest.mark.parametrize('shift', [1, 28, 107, 128, 299])
+@pytest.mark.parametrize(
+    ('left_gap', 'right_gap'), [((100, 103), (250, 260)), ((100, 103), (0, 0)), ((0, 0), (50, 60))]
+)
+def test_rolling_both_panoramas_rolls_the_result(
+    shift: int, left_gap: tuple[int, int], right_gap: tuple[int, int]
+) -> None:
+    # Three tiles of 128 columns; a shift of 28 puts the left gap, one of 107 the right gap, just
+    # outside what the first tile owns but inside what its windows touch.
     rng = np.random.default_rng(12)
-    columns = 300  # more than two tiles
+    columns = 300
     left, right = shifted_pair(
         texture(rng, 12, columns), np.full((12, columns), 20.6), noise=5.0, rng=rng
     )
     left_seen, right_seen = np.ones(columns, bool), np.ones(columns, bool)
-    left_seen[100:103] = right_seen[250:260] = False
+    left_seen[slice(*left_gap)] = right_seen[slice(*right_gap)] = False
     still = match(*pair_of(left, right, 30, left_seen=left_seen, right_seen=right_seen))
     rolled = match(
         *pair_of(

@@ -34,6 +34,22 @@ def test_horizontal_edges_are_no_features() -> None:
     assert np.isnan(match(*pair_of(image, image, 10), method='sparse').column_disparity).all()
 
 
+def test_rim_of_a_gap_is_no_edge() -> None:
+    rng = np.random.default_rng(5)
+    image = rng.integers(95, 106, (20, 90)).astype(np.uint8)  # Sobel answers with 40 at most
+    seen = np.ones(90, bool)
+    seen[[30, 31, 60]] = False
+    result = match(*pair_of(image, image, 10, left_seen=seen, right_seen=seen), method='sparse')
+    assert np.isnan(result.column_disparity).all()
+
+
+def test_edge_without_a_counterpart_is_unmatched() -> None:
+    left = np.full((20, 90), 60, np.uint8)
+    left[:, 31:60] = 160
+    flat = np.full((20, 90), 100, np.uint8)
+    assert np.isnan(match(*pair_of(left, flat, 10), method='sparse').column_disparity).all()
+
+
 @pytest.mark.parametrize('gaps', [False, True])
 def test_equals_the_dense_matching_at_its_edges(gaps: bool) -> None:
     rng = np.random.default_rng(3)
