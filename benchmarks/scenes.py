@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -18,6 +19,9 @@ from panodepth_ros.geometry import Panorama, PanoramaGeometry
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
+#: Columns of a frame that further panoramas are made of: shares of the pair's distance from the
+#: principal point, on both sides.
+FURTHER_SHARES = (1 / 6, 1 / 2, 5 / 6)
 #: Sensor noise added to pictures made here, as in the rendered rooms [grey levels].
 NOISE = 1.5
 
@@ -57,7 +61,7 @@ def rendered_room(folder: Path) -> Scene:
     Room from a data folder: ``meta.json``, ``angles.npy``, ``mosaics.npz``, ``gt_pano.npz``.
 
     Column k of the files is frame k, azimuth grows with k; panoramas run clockwise, so all is
-    mirrored. Folders with ``frames.mkv`` also give the centre panorama.
+    mirrored. Folders with ``frames.mkv`` also give further panoramas.
     """
     meta = json.loads((folder / 'meta.json').read_text())
     angles = np.load(folder / 'angles.npy')
@@ -72,7 +76,7 @@ def rendered_room(folder: Path) -> Scene:
             columns=meta['N'],
             rows=meta['H'],
             azimuth_column=(last_azimuth + ray_angle) / step,
-            focal_length_px=meta['fy'] / math.cos(angle),
+            focal_length_px=meta['fy'] / math.cos(ray_angle),
             principal_row=meta['cy'],
             arm_radius=meta['r'],
             principal_angle=ray_angle,
@@ -81,18 +85,44 @@ def rendered_room(folder: Path) -> Scene:
         )
         return Panorama(np.ascontiguousarray(image[:, ::-1, ::-1]), geometry)
 
+    further = []
+    if (folder / 'frames.mkv').exists():
+        columns = further_columns(meta['cx'], meta['sym_offset_px'])
+        images = _columns_of_video(folder / 'frames.mkv', columns)
+        for column, image in zip(columns, images, strict=True):
+            further.append(panorama(image, -math.atan((column - meta['cx']) / meta['fx'])))
     disparity = (angles[np.newaxis, :] - truth['left_gamma_other'].astype(np.float64)) / step
     disparity = (disparity + meta['N'] / 2) % meta['N'] - meta['N'] / 2
     return Scene(
         name=folder.name,
         left=panorama(mosaics['left'], -angle),
         right=panorama(mosaics['right'], angle),
-        further=(),
+        further=further,
         disparity=disparity[:, ::-1],
         visible=~truth['left_occl'][:, ::-1],
         distance=truth['left_l'][:, ::-1].astype(np.float64),
         height=truth['left_z'][:, ::-1].astype(np.float64),
     )
+
+
+def further_columns(principal_column: float, pair_offset: float) -> list[int]:
+    """Columns of a frame for further panoramas, from left to right."""
+    offsets = [share * pair_offset for share in FURTHER_SHARES]
+    return sorted(
+        round(principal_column + sign * offset) for offset in offsets for sign in (-1, 1)
+    )
+
+
+def _columns_of_video(file: Path, columns: Sequence[int]) -> list[Image]:
+    """For each column its mosaic (H, N, 3) in red, green, blue; frame k is column k."""
+    video = cv2.VideoCapture(str(file))
+    taken: list[Image] = []
+    while True:
+        more, frame = video.read()
+        if not more:
+            break
+        taken.append(frame[:, columns, ::-1])
+    return [np.stack([frame[:, k] for frame in taken], axis=1) for k in range(len(columns))]
 
 
 def own_room(seed: int, *, columns: int = 1800) -> Scene:
@@ -136,7 +166,7 @@ def own_room(seed: int, *, columns: int = 1800) -> Scene:
         name=f'furnished room {seed}',
         left=left,
         right=right,
-        further=(),
+        further=[panorama(column) for column in further_columns(camera.cx, 150 - camera.cx)],
         disparity=2 * theta / step,
         visible=~truth.occluded,
         distance=truth.radial_distance,
