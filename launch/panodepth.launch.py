@@ -2,35 +2,49 @@
 
 from __future__ import annotations
 
-from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.conditions import IfCondition
+from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
+from launch.actions import (
+    DeclareLaunchArgument,
+    ExecuteProcess,
+    OpaqueFunction,
+    RegisterEventHandler,
+)
+from launch.event_handlers import OnProcessIO
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
-from launch_ros.substitutions import FindPackageShare
+from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
 
 PACKAGE = 'panodepth_ros'
 NODES = ('arm_driver', 'camera', 'mosaicer', 'depth')
+#: Where config/simulated.yaml expects the simulated arm.
+LINK = '/tmp/panodepth_arm'
 
 
-def _parameter_file(context: LaunchContext) -> PathJoinSubstitution | str:
-    given = LaunchConfiguration('params_file').perform(context)
+def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     simulated = LaunchConfiguration('simulated').perform(context).lower() in ('true', '1')
-    name = 'simulated.yaml' if simulated else 'real.yaml'
-    return given or PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', name])
-
-
-def _nodes(context: LaunchContext) -> list[Node]:
-    return [
+    default = 'simulated.yaml' if simulated else 'real.yaml'
+    parameters = LaunchConfiguration('params_file').perform(context) or PathJoinSubstitution(
+        [FindPackageShare(PACKAGE), 'config', default]
+    )
+    nodes = [
         Node(
             package=PACKAGE,
             executable=name,
             namespace=LaunchConfiguration('namespace'),
-            parameters=[_parameter_file(context)],
+            parameters=[parameters],
             output='screen',
         )
         for name in NODES
     ]
+    if not simulated:
+        return nodes
+    program = ExecutableInPackage(executable='simulated_arm', package=PACKAGE)
+    arm = ExecuteProcess(cmd=[program, '--link', LINK], output='screen')
+    # The arm speaks once its serial line is there; a driver without one would give up.
+    begin = OnProcessIO(
+        target_action=arm, on_stdout=lambda _: [nodes.pop(0) for _ in range(len(nodes))]
+    )
+    return [arm, RegisterEventHandler(begin)]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -46,13 +60,6 @@ def generate_launch_description() -> LaunchDescription:
                 description='Parameters of the nodes (default: config/simulated.yaml, real.yaml)',
             ),
             DeclareLaunchArgument('namespace', default_value='', description='Namespace'),
-            Node(
-                package=PACKAGE,
-                executable='simulated_arm',
-                arguments=['--link', '/tmp/panodepth_arm'],
-                output='screen',
-                condition=IfCondition(LaunchConfiguration('simulated')),
-            ),
-            OpaqueFunction(function=_nodes),
+            OpaqueFunction(function=_graph),
         ]
     )

@@ -61,6 +61,8 @@ def main(args: Sequence[str] | None = None) -> int:
             signal.signal(number, lambda *_: arm.stop())
         print(f'simulated arm on {given.link} ({arm.terminal})', flush=True)
         arm.run()
+        for number in (signal.SIGINT, signal.SIGTERM):  # `ros2 launch` sends a second one
+            signal.signal(number, signal.SIG_IGN)
     return 0
 
 
