@@ -86,6 +86,27 @@ def test_unseen_columns_are_unknown_and_named():
     assert sweep.missing_sectors() == [pytest.approx((41 * STEP, 40 * STEP))]
 
 
+def test_every_missing_sector_is_named():
+    unseen = {10, 11, 12, 13, 20, 70, 72}
+    sweep = swept([k * STEP for k in range(COLUMNS) if k not in unseen])
+    # Clockwise from behind: arm azimuths 44 … -45 steps, those above 45 one turn less.
+    expected = [(20, 20), (13, 10), (72 - 90, 72 - 90), (70 - 90, 70 - 90)]
+    found = [(first / STEP, last / STEP) for first, last in sweep.missing_sectors()]
+    assert found == [pytest.approx(pair) for pair in expected]
+    assert swept([k * STEP for k in range(COLUMNS)]).missing_sectors() == []
+
+
+def test_add_tells_how_many_columns_it_filled():
+    sweep = Sweep(RIG, CAMERA, 0.0)
+    assert sweep.add(1, frame(0), 0.0) == 1
+    assert sweep.add(2, frame(1), 0.0) == 0
+    assert sweep.add(3, frame(2), 1.5 * STEP) == 2
+    assert (sweep.start, sweep.end) == (1, 3)
+    edge = Rig(arm_radius=0.3, column_offset=10.0, columns=COLUMNS, sweep_columns=COLUMNS)
+    outside = Sweep(edge, CAMERA, 0.0)
+    assert outside.add(1, frame(0), 0.4 * STEP) == 0, 'its ray leaves the image'
+
+
 def test_nearer_frame_wins_and_of_equals_the_first():
     sweep = swept([0.0, STEP, 1.25 * STEP, 2 * STEP, 2 * STEP])
     image = sweep.panoramas()['left'].image
