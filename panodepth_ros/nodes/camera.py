@@ -148,14 +148,15 @@ class CameraNode(Node):
             )
             self.create_timer(1.0, self._publish_diagnostics)
             self._over = self.create_guard_condition(self._on_over)
-            self._worker = threading.Thread(target=self._work, name='camera')
-            self._worker.start()
+            self.get_logger().info(
+                f'{source.name} delivers {source.size[0]} by {source.size[1]} pixels'
+            )
+            # The first callback starts the worker: a signal that comes before the node is in
+            # the hands of its executor must not leave a thread that nobody ends.
+            self.create_guard_condition(self._begin).trigger()
         except BaseException:
             self._close()
             raise
-        self.get_logger().info(
-            f'{source.name} delivers {source.size[0]} by {source.size[1]} pixels'
-        )
 
     def destroy_node(self) -> None:
         """End the worker, close the device, end the node. Idempotent."""
@@ -164,7 +165,7 @@ class CameraNode(Node):
 
     def _close(self) -> None:
         self._stop.set()
-        if self._worker is not None:
+        if self._worker is not None and self._worker.ident is not None:
             self._worker.join()
         if self._source is not None:
             self._source.close()
@@ -256,6 +257,10 @@ class CameraNode(Node):
             r=calibration.rectification_matrix,
             p=calibration.projection_matrix,
         )
+
+    def _begin(self) -> None:
+        self._worker = threading.Thread(target=self._work, name='camera')
+        self._worker.start()
 
     # --- worker thread ------------------------------------------------------------------------
 
