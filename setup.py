@@ -34,7 +34,7 @@ setup(
     python_requires='>=3.10',
     # rclpy is not here: a robot has it from its distribution, everyone else from an extra.
     install_requires=[
-        'numba>=0.58',
+        'numba>=0.58.1',
         'numpy>=1.26',
         'opencv-python-headless>=4.6',
         'pyserial>=3.5',

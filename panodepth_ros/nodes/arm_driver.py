@@ -150,15 +150,16 @@ class ArmDriver(Node):
             ):
                 self.create_service(Trigger, f'~/{name}', callback, callback_group=group)
             self.create_timer(1.0, self._publish_diagnostics)
-            self._worker = threading.Thread(target=self._work, name='arm worker')
+            # A daemon, so that a signal between here and the first spin cannot leave it behind.
+            self._worker = threading.Thread(target=self._work, name='arm worker', daemon=True)
             self._worker.start()
+            self.get_logger().info(
+                f'arm on port {self._settings.port} is ready; one step is '
+                f'{math.degrees(self._settings.step):.7g}°'
+            )
         except BaseException:
             self._close()
             raise
-        self.get_logger().info(
-            f'arm on port {self._settings.port} is ready; one step is '
-            f'{math.degrees(self._settings.step):.7g}°'
-        )
 
     def destroy_node(self) -> None:
         """Stop the arm, close the port, end the node. Idempotent."""

@@ -105,7 +105,8 @@ class Depth(Node):
         )
         self._scan_publisher = self.create_publisher(LaserScan, 'scan', qos.SCAN)
         self._work: queue.SimpleQueue[dict[Any, Any] | None] = queue.SimpleQueue()
-        worker = threading.Thread(target=self._match_all, name='matching')
+        # A daemon, so that a signal between here and the first spin cannot leave it behind.
+        worker = threading.Thread(target=self._match_all, name='matching', daemon=True)
         worker.start()
         self._resources.callback(worker.join)
         self._resources.callback(self._work.put, None)
