@@ -98,13 +98,34 @@ def test_unknown_far_and_near_are_told_apart():
     assert np.isnan(ranges[0])
 
 
-def test_single_row():
-    distance = np.array([[1.0, 1.0, 1.0], [2.0, 2.0, 2.0]])
-    points = Points(distance, np.zeros((2, 3)), np.full((2, 3), 9.0))
-    sure = np.ones((2, 3), np.float32)
-    assert laser_ranges(points, sure, ScanSettings(beams=BEAMS, row=1))[180] == 2.0
+def test_limits_of_range_and_height_are_included():
+    at = {'range_min': 0.5, 'range_max': 4.0, 'min_height': -0.25, 'max_height': 0.25}
+    assert scan([(4.0, 0.0, 0.25)], **at)[180] == 4.0
+    assert scan([(0.5, 0.0, -0.25)], **at)[180] == 0.5
+
+
+@pytest.mark.parametrize('row', [0, 1, 2])
+def test_single_row(row):
+    distance = np.array([[1.0, 1.0, 1.0], [2.0, 2.0, 2.0], [3.0, 3.0, 3.0], [0.5, 0.5, 0.5]])
+    points = Points(distance, np.zeros((4, 3)), np.full((4, 3), 9.0))
+    sure = np.full((4, 3), 0.5, np.float32)  # far less than min_support in all
+    ranges = laser_ranges(points, sure, ScanSettings(beams=BEAMS, row=row, min_support=50.0))
+    assert ranges[180] == row + 1.0
+    assert np.isfinite(ranges).sum() == 1
+
+
+def test_row_outside_the_panorama_is_refused():
+    points = Points(np.ones((2, 3)), np.ones((2, 3)), np.ones((2, 3)))
     with pytest.raises(ValueError, match='row is 2; allowed: -1 to 1'):
-        laser_ranges(points, sure, ScanSettings(beams=BEAMS, row=2))
+        laser_ranges(points, np.ones((2, 3), np.float32), ScanSettings(row=2))
+
+
+def test_surface_is_four_per_cent_deep():
+    # Counted in steps of half a per cent: 3.9 % is inside, 5 % is not.
+    assert scan([(2.0, 0.0, 0.0), (2.078, 0.0, 0.0)], min_support=2.0)[180] == pytest.approx(2.039)
+    assert np.isnan(scan([(2.0, 0.0, 0.0), (2.1, 0.0, 0.0)], min_support=2.0)[180])
+    far = [(2.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.1, 0.0, 0.0)]
+    assert scan(far, min_support=2.0)[180] == 2.0, 'what lies behind is no part of it'
 
 
 def test_scan_of_nothing_is_unknown():
@@ -115,6 +136,9 @@ def test_scan_of_nothing_is_unknown():
     ('change', 'named'),
     [
         ({'beams': 59}, 'beams is 59'),
+        ({'range_min': 0.0}, 'range_min is 0'),
+        ({'range_min': 8.0, 'range_max': 8.0}, 'range_min is 8'),
+        ({'min_height': 0.1, 'max_height': 0.1}, 'min_height is 0.1'),
         ({'range_min': 9.0, 'range_max': 8.0}, 'range_min is 9'),
         ({'range_max': math.inf}, 'range_max inf'),
         ({'min_height': 0.2}, 'min_height is 0'),
@@ -123,6 +147,10 @@ def test_scan_of_nothing_is_unknown():
 def test_contradictory_settings_are_refused(change, named):
     with pytest.raises(ValueError, match=named):
         ScanSettings(**change)
+
+
+def test_smallest_number_of_beams_is_allowed():
+    assert ScanSettings(beams=60).angle_increment == pytest.approx(2 * math.pi / 60)
 
 
 def test_confidence_of_another_shape_is_refused():

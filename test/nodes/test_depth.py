@@ -10,10 +10,11 @@ from sensor_msgs.msg import CameraInfo, Image, LaserScan
 from std_msgs.msg import Header
 
 from panodepth_ros.geometry import PanoramaGeometry
-from panodepth_ros.nodes.depth import Depth
+from panodepth_ros.nodes.depth import Depth, DepthParameters
 from panodepth_ros.ros.images import to_array, to_message
 from panodepth_ros.ros.messages import panorama_info, to_stamp
 from panodepth_ros.ros.parameters import ParameterError
+from panodepth_ros.scan import ScanSettings
 
 pytestmark = pytest.mark.ros
 
@@ -94,6 +95,10 @@ class Bench:
         request = SetParameters.Request(parameters=messages)
         (result,) = self.ros.result(client.call_async(request)).results
         return result
+
+
+def test_defaults_are_those_of_the_core():
+    assert DepthParameters().scan_settings() == ScanSettings()
 
 
 def test_wall_of_known_distance(ros):
