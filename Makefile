@@ -25,6 +25,9 @@ $(INSTALLED): setup.py pyproject.toml requirements/$(DISTRO).txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null || { \
 	  echo 'panodepth_ros needs Python 3.10 or later as $(PYTHON); install it, or name another: make PYTHON=python3.12' >&2; \
 	  exit 1; }
+	@[ "$$(uname -sm)" = 'Linux x86_64' ] || { \
+	  echo 'ROS 2 comes as wheels for Linux on x86_64 only; install ROS 2 from its distribution and use colcon build (README, Install)' >&2; \
+	  exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
 	  echo 'panodepth_ros needs the venv module of $(PYTHON); install it: sudo apt install python3-venv' >&2; \
 	  exit 1; }
