@@ -17,8 +17,11 @@ from panodepth_ros.matching.interface import candidate_range
 ONE_PAIR = ('ncc', 'sparse', 'sgbm', 'bm')
 
 
-@pytest.mark.parametrize(('double_angle_deg', 'last'), [(29.9625, 149), (3.6125, 18)])
-def test_search_range_is_that_of_the_paper(double_angle_deg: float, last: int) -> None:
+@pytest.mark.parametrize(('double_angle_deg', 'last'), [(29.9625, 149), (3.6125, 18), (30.0, 149)])
+@pytest.mark.parametrize('rounding', [-1e-9, 0, 1e-9])
+def test_search_range_is_that_of_the_paper(
+    double_angle_deg: float, last: int, rounding: float
+) -> None:
     left, right = pair_of(*[np.zeros((9, 1800), np.uint8)] * 2, 20)
     angle = math.radians(double_angle_deg / 2)
     shift = angle / left.geometry.column_step
@@ -26,7 +29,7 @@ def test_search_range_is_that_of_the_paper(double_angle_deg: float, last: int) -
         dataclasses.replace(
             panorama.geometry,
             principal_angle=sign * angle,
-            azimuth_column=900 + sign * shift,
+            azimuth_column=900 + sign * (shift + rounding),
             ray_angle=np.full(1800, sign * angle),
         )
         for panorama, sign in ((left, -1), (right, 1))

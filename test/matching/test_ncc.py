@@ -137,7 +137,7 @@ def test_rolling_both_panoramas_rolls_the_result(
     rng = np.random.default_rng(12)
     columns = 300
     left, right = shifted_pair(
-        texture(rng, 12, columns), np.full((12, columns), 20.6), noise=5.0, rng=rng
+        texture(rng, 12, columns), np.full((12, columns), 28.6), noise=5.0, rng=rng
     )
     left_seen, right_seen = np.ones(columns, bool), np.ones(columns, bool)
     left_seen[slice(*left_gap)] = right_seen[slice(*right_gap)] = False
