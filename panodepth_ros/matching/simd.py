@@ -91,10 +91,14 @@ def _splat(typing: Any, value: Any) -> Any:
     return Vector(value)(value), generate
 
 
-def _arithmetic(integer: str, floating: str) -> Any:
+def _arithmetic(integer: str, floating: str | None = None) -> Any:
     def function(typing: Any, a: Any, b: Any) -> Any:
+        operation = integer if _is_integer(a) else floating
+        if operation is None:
+            return None
+
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            return getattr(builder, integer if _is_integer(a) else floating)(*arguments)
+            return getattr(builder, operation)(*arguments)
 
         return a(a, b), generate
 
@@ -177,5 +181,5 @@ to_integer = intrinsic(_conversion(types.int32, 'fptosi'))
 _overload(operator.add, _arithmetic('add', 'fadd'))
 _overload(operator.sub, _arithmetic('sub', 'fsub'))
 _overload(operator.mul, _arithmetic('mul', 'fmul'))
-_overload(operator.and_, _arithmetic('and_', 'no bits of a real number'))
-_overload(operator.or_, _arithmetic('or_', 'no bits of a real number'))
+_overload(operator.and_, _arithmetic('and_'))
+_overload(operator.or_, _arithmetic('or_'))
