@@ -111,8 +111,8 @@ def correlate(pair: GreyPair, threads: int) -> Correspondence:
     """
     padded = pad(pair)
     rows, columns = pair.left.shape
-    disparity = np.full((rows, columns), np.nan, np.float32)
-    confidence = np.full((rows, columns), np.nan, np.float32)
+    disparity = np.empty((rows, columns), np.float32)
+    confidence = np.empty((rows, columns), np.float32)
     bands = -(-rows // (BAND_ROWS * threads)) * threads
     limits = [round(band * rows / bands) for band in range(bands + 1)]
 
@@ -136,6 +136,8 @@ def _match_band(
     """Match the rows start … stop − 1."""
     columns, lanes = disparity.shape[1], pair.codes.size
     rows = pair.left.shape[0] - WIDTH - 1
+    disparity[:] = np.nan
+    confidence[:] = np.nan
     bests = Bests(
         np.full((stop - start, columns), -1, np.int32),
         np.zeros((stop - start, columns + lanes), np.int32),
