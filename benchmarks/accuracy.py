@@ -58,12 +58,12 @@ def measure(result: Correspondence, scene: Scene) -> Accuracy:
     """Compare a correspondence with the truth of its scene."""
     known = np.isfinite(scene.disparity)
     matched = np.isfinite(result.column_disparity) & known
-    visible = scene.visible & known
+    visible = scene.views[0].visible & known
     off = np.abs(result.column_disparity - scene.disparity) > 1
     distance = triangulate(
         result.column_disparity, scene.left.geometry, scene.right.geometry
     ).radial_distance
-    error = np.abs(distance / scene.distance - 1)[matched]
+    error = np.abs(distance / scene.views[0].distance - 1)[matched]
     order = np.argsort(-result.confidence[matched], kind='stable')
     ranked_off, ranked_visible = off[matched][order], visible[matched][order]
     count = np.arange(1, order.size + 1)
@@ -94,18 +94,25 @@ def _reliability(confidence: npt.NDArray[np.float32], right: npt.NDArray[np.bool
 def scan_score(
     result: Correspondence, scene: Scene, settings: ScanSettings | None = None
 ) -> ScanScore:
-    """Score the scan made of a correspondence; by default 720 beams, ±0.15 m."""
+    """
+    Score the scan made of a correspondence; by default 720 beams, ±0.15 m.
+
+    The truth of a beam is the nearest surface in the band that either eye shows and both see.
+    """
     settings = ScanSettings() if settings is None else settings
-    left = scene.left.geometry
-    points = triangulate(result.column_disparity, left, scene.right.geometry)
-    truth = nearest_visible(
-        scene.distance,
-        left.ray_azimuth(np.arange(left.columns)),
-        scene.height,
-        scene.visible,
-        signed_radius=left.arm_radius * np.sin(left.principal_angle),
-        band=(settings.min_height, settings.max_height),
-        beams=settings.beams,
-    )
+    points = triangulate(result.column_disparity, scene.left.geometry, scene.right.geometry)
+    truths = [
+        nearest_visible(
+            view.distance,
+            view.geometry.ray_azimuth(np.arange(view.geometry.columns)),
+            view.height,
+            view.visible,
+            signed_radius=view.geometry.arm_radius * np.sin(view.geometry.principal_angle),
+            band=(settings.min_height, settings.max_height),
+            beams=settings.beams,
+        )
+        for view in scene.views
+    ]
+    truth = np.fmin.reduce(truths)
     ranges = laser_ranges(points, result.confidence, settings).astype(np.float64)
     return score_scan(ranges, truth)

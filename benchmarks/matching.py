@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks import accuracy, cost, report, scenes
 from benchmarks.methods import PEERS, Method, peer_method, product_method
-from panodepth_ros.matching import METHODS, prepare
+from panodepth_ros.matching import METHODS, Correspondence, prepare
 
 #: The paper's size and one of today's cameras: rows, columns, candidates.
 PAPER, LARGE = (120, 1800, 149), (480, 7000, 560)
@@ -30,7 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or '').strip().partition('\n')[0])
     parser.add_argument('--data', type=Path, action='append', default=[], metavar='DIR')
     parser.add_argument('--output', type=Path, required=True, metavar='OUT')
-    parser.add_argument('--methods', nargs='+', choices=METHODS, default=list(METHODS))
+    own = [name for name in METHODS if name not in ('sgbm', 'bm')]  # those are OpenCV's, see PEERS
+    parser.add_argument('--methods', nargs='+', choices=METHODS, default=own)
     parser.add_argument('--repeat', type=int, default=9, help='runs behind each median time')
     parser.add_argument(
         '--large', action='store_true', help='times and memory at 7000 × 480 × 560, too'
@@ -52,13 +53,17 @@ def measure_accuracy(data: Sequence[Path], names: Sequence[str], output: Path) -
     """Print the accuracy of every method on every scene; write the curves."""
     rooms = [scenes.rendered_room(folder) for folder in data]
     for scene in [*rooms, scenes.own_room(0), scenes.weak_texture()]:
-        methods: list[Method] = [product_method(name) for name in names]
-        if scene.further:
-            methods += [product_method(name, further=True) for name in names]
+        methods: list[Method] = []
+        for name in names:
+            methods += [product_method(name), product_method(name, further=True)]
         methods += [peer_method(name) for name in PEERS]
         results = {}
+        previous = None
         for method in methods:
             found = method.run(scene, 1)
+            if previous is not None and _same(found, previous):
+                continue  # a method that uses the pair alone, given all columns
+            previous = found
             results[method.name] = (
                 accuracy.measure(found, scene),
                 accuracy.scan_score(found, scene),
@@ -67,8 +72,12 @@ def measure_accuracy(data: Sequence[Path], names: Sequence[str], output: Path) -
         file = scene.name.replace(' ', '_')
         measured = {name: result for name, (result, _) in results.items()}
         report.plot_curves(measured, scene.name, output / f'curves_{file}.png')
-        own = {name: measured[name] for name in names}
+        own = {name: result for name, result in measured.items() if 'OpenCV' not in name}
         report.plot_reliability(own, scene.name, output / f'reliability_{file}.png')
+
+
+def _same(one: Correspondence, other: Correspondence) -> bool:
+    return np.array_equal(one.column_disparity, other.column_disparity, equal_nan=True)
 
 
 def measure_cost(names: Sequence[str], repeat: int, *, large: bool) -> None:

@@ -96,7 +96,10 @@ def plot_curves(results: Mapping[str, Accuracy], title: str, path: Path) -> None
     """Write wrong against kept, from the most confident pixel on."""
     figure, axes = plt.subplots(figsize=(7, 4.5), layout='constrained')
     for name, accuracy in results.items():
-        shown = accuracy.kept_curve > 0.02
+        # The first pixels are few and say little; a thousand points draw the rest.
+        last = accuracy.kept_curve.size - 1
+        first = min(int(np.searchsorted(accuracy.kept_curve, 0.02)), last)
+        shown = np.linspace(first, last, 1000).astype(np.int64)
         style = '--' if name.startswith('OpenCV') else '-'
         line = axes.plot(
             100 * accuracy.kept_curve[shown], 100 * accuracy.wrong_curve[shown], style, label=name
@@ -108,7 +111,7 @@ def plot_curves(results: Mapping[str, Accuracy], title: str, path: Path) -> None
     axes.set_ylim(bottom=0)
     axes.set_title(title)
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=8, loc='upper left')
     figure.savefig(path, dpi=120)
     plt.close(figure)
 
@@ -125,6 +128,6 @@ def plot_reliability(results: Mapping[str, Accuracy], title: str, path: Path) ->
     axes.set_ylabel('share within one column')
     axes.set_title(title)
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=8, loc='upper left')
     figure.savefig(path, dpi=120)
     plt.close(figure)

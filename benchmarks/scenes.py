@@ -27,6 +27,26 @@ NOISE = 1.5
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class View:
+    """
+    Truth of one eye's panorama, H × W each.
+
+    Attributes
+    ----------
+    geometry : PanoramaGeometry
+    distance, height : ndarray of float64
+        True radial distance and height of each pixel [m].
+    visible : ndarray of bool
+        Whether the other eye sees the point, too.
+    """
+
+    geometry: PanoramaGeometry
+    distance: Array
+    height: Array
+    visible: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Scene:
     """
     A pair with truth.
@@ -40,10 +60,8 @@ class Scene:
         What else the same sweep gives.
     disparity : ndarray of float64, shape (H, W)
         True dx of each pixel of the left panorama [columns].
-    visible : ndarray of bool, shape (H, W)
-        Whether the right eye sees the point, too.
-    distance, height : ndarray of float64, shape (H, W)
-        True radial distance and height [m].
+    views : sequence of View
+        Truth of the left panorama, and of the right one if it is known.
     """
 
     name: str
@@ -51,9 +69,7 @@ class Scene:
     right: Panorama
     further: Sequence[Panorama]
     disparity: Array
-    visible: npt.NDArray[np.bool_]
-    distance: Array
-    height: Array
+    views: Sequence[View]
 
 
 def rendered_room(folder: Path) -> Scene:
@@ -93,15 +109,23 @@ def rendered_room(folder: Path) -> Scene:
             further.append(panorama(image, -math.atan((column - meta['cx']) / meta['fx'])))
     disparity = (angles[np.newaxis, :] - truth['left_gamma_other'].astype(np.float64)) / step
     disparity = (disparity + meta['N'] / 2) % meta['N'] - meta['N'] / 2
+    eyes = {'left': panorama(mosaics['left'], -angle), 'right': panorama(mosaics['right'], angle)}
+    views = [
+        View(
+            geometry=eye.geometry,
+            distance=truth[f'{name}_l'][:, ::-1].astype(np.float64),
+            height=truth[f'{name}_z'][:, ::-1].astype(np.float64),
+            visible=~truth[f'{name}_occl'][:, ::-1],
+        )
+        for name, eye in eyes.items()
+    ]
     return Scene(
         name=folder.name,
-        left=panorama(mosaics['left'], -angle),
-        right=panorama(mosaics['right'], angle),
+        left=eyes['left'],
+        right=eyes['right'],
         further=further,
         disparity=disparity[:, ::-1],
-        visible=~truth['left_occl'][:, ::-1],
-        distance=truth['left_l'][:, ::-1].astype(np.float64),
-        height=truth['left_z'][:, ::-1].astype(np.float64),
+        views=views,
     )
 
 
@@ -152,25 +176,27 @@ def own_room(seed: int, *, columns: int = 1800) -> Scene:
         )
         return Panorama(_noisy(image, rng), geometry)
 
+    def view(geometry: PanoramaGeometry) -> View:
+        truth = truth_panorama(
+            room,
+            arm_radius=radius,
+            ray_angle=geometry.principal_angle,
+            ray_azimuth=geometry.ray_azimuth(np.arange(columns)),
+            slope=geometry.slope(np.arange(camera.height)),
+        )
+        return View(geometry, truth.radial_distance, truth.height, ~truth.occluded)
+
     left, right = panorama(150), panorama(9)
-    truth = truth_panorama(
-        room,
-        arm_radius=radius,
-        ray_angle=left.geometry.principal_angle,
-        ray_azimuth=left.geometry.ray_azimuth(np.arange(columns)),
-        slope=left.geometry.slope(np.arange(camera.height)),
-    )
+    views = [view(left.geometry), view(right.geometry)]
     angle = right.geometry.principal_angle
-    theta = angle - np.arcsin(radius * math.sin(angle) / truth.radial_distance)
+    theta = angle - np.arcsin(radius * math.sin(angle) / views[0].distance)
     return Scene(
         name=f'furnished room {seed}',
         left=left,
         right=right,
         further=[panorama(column) for column in further_columns(camera.cx, 150 - camera.cx)],
         disparity=2 * theta / step,
-        visible=~truth.occluded,
-        distance=truth.radial_distance,
-        height=truth.height,
+        views=views,
     )
 
 
@@ -233,18 +259,15 @@ def weak_texture(seed: int = 0, *, rows: int = 120, columns: int = 1800) -> Scen
         )
         return Panorama(_noisy(image, rng), geometry)
 
-    pair = panorama(left, -1), panorama(right, 1)
+    left_eye, right_eye = panorama(left, -1), panorama(right, 1)
     from_camera = np.sqrt(distance**2 - (radius * math.sin(angle)) ** 2) - radius * math.cos(angle)
-    return Scene(
-        name='weak texture',
-        left=pair[0],
-        right=pair[1],
-        further=(),
-        disparity=disparity,
-        visible=np.take_along_axis(shown_right, target, axis=1) == shown_left,
+    truth = View(
+        geometry=left_eye.geometry,
         distance=distance,
-        height=from_camera * pair[0].geometry.slope(np.arange(rows))[:, np.newaxis],
+        height=from_camera * left_eye.geometry.slope(np.arange(rows))[:, np.newaxis],
+        visible=np.take_along_axis(shown_right, target, axis=1) == shown_left,
     )
+    return Scene('weak texture', left_eye, right_eye, (), disparity, [truth])
 
 
 def noise_pair(rows: int, columns: int, candidates: int) -> tuple[Panorama, Panorama]:
