@@ -57,11 +57,16 @@ class Assembler:
         self._served: int | None = None
         self._not_before = 0
 
-    def set_camera(self, camera: PinholeCamera) -> None:
+    def set_camera(self, camera: PinholeCamera) -> list[Sweep]:
         """
-        Use this calibration from now on.
+        Use this calibration from now on, also for frames that came before any.
 
         A sweep begun with another one is given up.
+
+        Returns
+        -------
+        list of Sweep
+            Sweeps that came to their end.
 
         Raises
         ------
@@ -69,12 +74,13 @@ class Assembler:
             If the rig's columns lie outside the image.
         """
         if camera == self.camera:
-            return
+            return []
         Sweep(self.rig, camera, 0.0)
         if self.camera is not None:
             self.restart(self._not_before)
             self.drops['sweep given up: camera_info changed'] += 1
         self.camera = camera
+        return self._place_pending()
 
     def restart(self, not_before: int) -> None:
         """Forget the sweep under construction; standstills that began before count no more."""
@@ -120,29 +126,22 @@ class Assembler:
             self.drops['frame out of order or twice'] += 1
             return []
         self._newest_frame = stamp
-        if self.camera is None:
-            self.drops['frame before any camera_info'] += 1
-            return []
         self._pending.append((stamp, image))
         if len(self._pending) > MOST_PENDING:
             self._pending.popleft()
-            self.drops['frame: no joint state came'] += 1
+            self.drops['frame: no joint state or camera_info came'] += 1
         return self._place_pending()
 
     def has_frame_of(self, standstill: Standstill) -> bool:
         """Whether a frame exposed in a standstill is used or waits for its joint state."""
-        if self.has_used(standstill):
+        if self._served is not None and self._served >= standstill.start:
             return True
         ready = standstill.start + self._settle_time
         return any(stamp >= ready for stamp, _ in self._pending)
 
-    def has_used(self, standstill: Standstill) -> bool:
-        """Whether a frame of this standstill or a later one went into a sweep."""
-        return self._served is not None and self._served >= standstill.start
-
     def _place_pending(self) -> list[Sweep]:
         finished = []
-        while self._pending:
+        while self._pending and self.camera is not None:
             stamp, image = self._pending[0]
             place = self.track.at(stamp)
             if place is None:
@@ -164,7 +163,7 @@ class Assembler:
             self.drops['frame: arm was settling'] += 1
             return []
         finished = []
-        if self.sweep is not None and self.sweep.beyond(standstill.azimuth):
+        if self.sweep is not None and self.sweep.columns_left(standstill.azimuth) < 0:
             finished.append(self.sweep)
             self.sweep = None
         assert self.camera is not None  # frames are kept only with a camera
@@ -176,7 +175,8 @@ class Assembler:
             return finished
         self._served = standstill.start
         self.sweep = sweep
-        if sweep.complete:
+        # A sweep ends at its last column, also if frames were lost on the way.
+        if sweep.complete or sweep.columns_left(standstill.azimuth) == 0:
             finished.append(sweep)
             self.sweep = None
         return finished

@@ -135,10 +135,10 @@ class Sweep:
         """Whether every column of the sweep is seen."""
         return int(self.seen.sum()) >= self.rig.sweep_columns
 
-    def beyond(self, arm_azimuth: float) -> bool:
-        """Whether the arm has travelled past the end of the sweep."""
+    def columns_left(self, arm_azimuth: float) -> int:
+        """How many columns the arm has to go to the sweep's last one; negative beyond it."""
         travelled = abs(arm_azimuth - self._first_azimuth) / self.rig.column_step
-        return travelled > self.rig.sweep_columns - 0.5
+        return self.rig.sweep_columns - 1 - round(travelled)
 
     def add(self, stamp: int, image: npt.NDArray[np.uint8], arm_azimuth: float) -> int:
         """

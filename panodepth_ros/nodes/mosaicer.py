@@ -22,6 +22,7 @@ from panodepth_ros.ros.parameters import declare_parameters, parameter
 from panodepth_ros.ros.process import run_node
 
 PANORAMAS = ('left', 'right', 'center')
+_NO_CAMERA = 'no camera_info received yet'
 #: How often waiting is checked against its timeouts [s].
 _WATCH_PERIOD = 0.25
 
@@ -133,7 +134,7 @@ class Mosaicer(Node):
             round(self._settings.settle_time * 1e9),
         )
         self._lead: _Lead | None = None
-        self._camera_fault = 'no camera_info received yet'
+        self._camera_fault = _NO_CAMERA
         self._reported = -1.0
         self._image_publishers: dict[str, Publisher] = {}
         self._info_publishers: dict[str, Publisher] = {}
@@ -173,7 +174,7 @@ class Mosaicer(Node):
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         try:
-            self._assembler.set_camera(pinhole_camera(message))
+            self._publish(self._assembler.set_camera(pinhole_camera(message)))
         except ValueError as error:
             self._camera_fault = str(error)
             self.get_logger().error(f'camera_info: {error}', throttle_duration_sec=5.0)
@@ -181,7 +182,7 @@ class Mosaicer(Node):
             self._camera_fault = ''
 
     def _on_image(self, message: Image) -> None:
-        if self._camera_fault:
+        if self._camera_fault and self._camera_fault != _NO_CAMERA:
             self._assembler.drops[f'frame: {self._camera_fault}'] += 1
             return
         try:
@@ -273,9 +274,7 @@ class Mosaicer(Node):
                     f'{self._assembler.rig.sweep_columns}',
                     throttle_duration_sec=self._settings.frame_timeout,
                 )
-        elif lead.steps < self._assembler.rig.sweep_columns or self._assembler.has_used(
-            standstill
-        ):
+        elif lead.steps < self._assembler.rig.sweep_columns:
             lead.azimuth = standstill.azimuth
             self._request_step(lead)
 

@@ -93,11 +93,23 @@ def test_standstills_before_the_start_of_a_led_sweep_do_not_count():
     assert built.sweep is None
 
 
-def test_turn_with_gaps_ends_when_the_arm_passes_its_start():
-    events = [e for e in recording(COLUMNS + 1) if not (e[1] == 'frame' and e[2] in (20, 120))]
-    (sweep,) = play(assembler(), events)
+def without(lost, columns=COLUMNS):
+    """Recording in which no frame of some standstills arrived."""
+    gone = {k + 100 * n for k in lost for n in (0, 1)}
+    return [e for e in recording(columns) if e[1] == 'joint' or e[2] not in gone]
+
+
+def test_turn_with_gaps_ends_at_its_last_column():
+    (sweep,) = play(assembler(), without({20}))
     assert not sweep.complete
     assert int(sweep.seen.sum()) == COLUMNS - 1
+
+
+def test_turn_without_its_last_column_ends_when_the_arm_goes_on():
+    built = assembler()
+    (sweep,) = play(built, without({COLUMNS}, COLUMNS + 1))
+    assert int(sweep.seen.sum()) == COLUMNS - 1
+    assert int(built.sweep.seen.sum()) == 1, 'the next sweep begins with the frame that came'
 
 
 def test_second_turn_is_a_second_sweep():
@@ -125,11 +137,11 @@ def test_frame_that_comes_just_when_the_arm_has_settled_serves():
     assert sorted(sweep.panoramas()['left'].image[0].tolist()) == list(range(1, COLUMNS + 1))
 
 
-def test_frame_before_any_calibration_is_dropped_and_counted():
+def test_frames_before_any_calibration_wait_for_it():
     built = Assembler(RIG, ArmTrack(1e-6, 1000 * MS), 0)
-    built.add_frame(1, image(0))
-    built.add_frame(2, image(0))
-    assert built.drops == {'frame before any camera_info': 2}
+    assert play(built, recording()) == []
+    (sweep,) = built.set_camera(CAMERA)
+    assert sweep.complete
 
 
 def test_standstill_that_begins_with_the_sweep_counts():
@@ -166,7 +178,7 @@ def test_frames_without_joint_states_do_not_pile_up():
     for k in range(1000):
         built.add_frame(k, image(0))
     assert len(built._pending) <= 200
-    assert built.drops['frame: no joint state came'] == 800
+    assert built.drops['frame: no joint state or camera_info came'] == 800
 
 
 def test_bad_joint_state_is_dropped_and_counted():
@@ -192,12 +204,15 @@ def test_calibration_that_does_not_fit_the_columns_is_refused():
         assembler().set_camera(PinholeCamera(width=15, height=7, fx=9, fy=9, cx=7, cy=3))
 
 
-def test_frame_of_a_standstill_is_known_before_it_is_placed():
+def test_frame_of_a_standstill_is_known_before_and_after_it_is_placed():
     built = assembler()
     events = recording(1)
-    play(built, events[:-1])
+    play(built, events[:-3])
     standstill = built.track.current
+    assert not built.has_frame_of(standstill)
+    play(built, events[-3:-1])
     assert built.has_frame_of(standstill)
-    assert not built.has_used(standstill)
+    assert built.sweep is None
     play(built, events[-1:])
-    assert built.has_used(standstill)
+    assert built.has_frame_of(standstill)
+    assert built.sweep is not None

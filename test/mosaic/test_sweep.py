@@ -120,13 +120,10 @@ def test_sweep_is_complete_with_its_last_column_and_not_before():
     assert swept([k * STEP for k in range(10)], rig).complete
 
 
-def test_arm_past_the_end_of_the_sweep():
+def test_columns_left_to_the_end_of_the_sweep():
     sweep = swept([0.0])
-    assert not sweep.beyond(89 * STEP)
-    assert not sweep.beyond(89.5 * STEP - 1e-9)
-    assert sweep.beyond(89.5 * STEP + 1e-9)
-    assert sweep.beyond(90 * STEP)
-    assert sweep.beyond(-90 * STEP)
+    for travelled, left in ((0.0, 89), (0.4, 89), (88.6, 0), (89.4, 0), (89.6, -1), (-90, -1)):
+        assert sweep.columns_left(travelled * STEP) == left
 
 
 def test_distorted_lens_is_honoured():
