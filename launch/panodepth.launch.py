@@ -8,6 +8,7 @@ from launch.actions import (
     ExecuteProcess,
     OpaqueFunction,
     RegisterEventHandler,
+    Shutdown,
 )
 from launch.event_handlers import OnProcessIO
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
@@ -21,7 +22,7 @@ LINK = '/tmp/panodepth_arm'
 
 
 def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
-    simulated = LaunchConfiguration('simulated').perform(context).lower() in ('true', '1')
+    simulated = LaunchConfiguration('simulated').perform(context) == 'true'
     default = 'simulated.yaml' if simulated else 'real.yaml'
     parameters = LaunchConfiguration('params_file').perform(context) or PathJoinSubstitution(
         [FindPackageShare(PACKAGE), 'config', default]
@@ -39,7 +40,9 @@ def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     if not simulated:
         return nodes
     program = ExecutableInPackage(executable='simulated_arm', package=PACKAGE)
-    arm = ExecuteProcess(cmd=[program, '--link', LINK], output='screen')
+    arm = ExecuteProcess(
+        cmd=[program, '--link', LINK], output='screen', on_exit=Shutdown(reason='the arm ended')
+    )
     # The arm speaks once its serial line is there; a driver without one would give up.
     begin = OnProcessIO(
         target_action=arm, on_stdout=lambda _: [nodes.pop(0) for _ in range(len(nodes))]
@@ -52,7 +55,10 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                'simulated', default_value='true', description='true: the paper’s rig, simulated'
+                'simulated',
+                default_value='true',
+                choices=['true', 'false'],
+                description='true: the rig of config/simulated.yaml',
             ),
             DeclareLaunchArgument(
                 'params_file',

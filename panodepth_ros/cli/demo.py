@@ -6,17 +6,21 @@ import argparse
 import math
 import os
 import shutil
+import signal
 import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import rclpy
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import CameraInfo, Image, LaserScan
 from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
@@ -76,27 +80,35 @@ def run(arguments: argparse.Namespace) -> int:
     output: Path = arguments.output
     output.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(output / 'bag', ignore_errors=True)
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    logs = output / 'log'
-    logs.mkdir(exist_ok=True)
-    os.environ['ROS_LOG_DIR'] = str(logs.resolve())
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _interrupt)
     try:
-        with claimed_domain() as domain:
-            os.environ.setdefault('ROS_DOMAIN_ID', str(domain))
-            sweep = _sweep(parameters.resolve(), output, Processes(logs))
+        with claimed_domain() as domain, tempfile.TemporaryDirectory() as scratch:
+            # Whatever robot the environment belongs to is none of the demo's business.
+            os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+            os.environ['ROS_DOMAIN_ID'] = str(domain)
+            os.environ['ROS_LOG_DIR'] = str(Path(scratch, 'ros_log'))
+            sweep = _sweep(parameters.resolve(), output, Path(scratch))
+        report(
+            sweep.results,
+            output,
+            room_seed=sweep.parameters['room_seed'],
+            band=(sweep.parameters['min_height'], sweep.parameters['max_height']),
+        )
     except ProcessError as error:
         print(f'\npanodepth_ros demo: {error}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print('\npanodepth_ros demo: interrupted', file=sys.stderr)
         return 130
-    report(
-        sweep.results,
-        output,
-        room_seed=sweep.parameters['room_seed'],
-        band=(sweep.parameters['min_height'], sweep.parameters['max_height']),
-    )
     return 0
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    """End the demo once; let nothing disturb the end of its processes."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
 def installed_config(name: str) -> Path:
@@ -112,39 +124,39 @@ def installed_config(name: str) -> Path:
     return source_tree
 
 
-def _sweep(parameters: Path, output: Path, processes: Processes) -> _Sweep:
+def _sweep(parameters: Path, output: Path, scratch: Path) -> _Sweep:
     """Run the graph for one sweep and return what came of it."""
-    with tempfile.TemporaryDirectory(prefix='panodepth_ros-') as directory:
-        link = str(Path(directory, 'arm'))
-        ros_arguments = ['--ros-args', '--params-file', str(parameters)]
+    logs = output / 'log'
+    logs.mkdir(exist_ok=True)
+    processes = Processes(logs)
+    link = str(scratch / 'arm')
+    ros_arguments = ['--ros-args', '--params-file', str(parameters)]
+    try:
+        processes.start('simulated_arm', 'panodepth_ros.cli.simulated_arm', ['--link', link])
+        _wait(Path(link).exists, processes, 'the simulated arm')
+        for node, own in (
+            ('arm_driver', ['-p', f'port:={link}']),
+            ('camera', ['-p', f'simulated_arm_truth:={link}.truth']),
+            ('mosaicer', []),
+            ('depth', []),
+        ):
+            processes.start(node, f'panodepth_ros.nodes.{node}', [*ros_arguments, *own])
+        processes.start(
+            'record',
+            'panodepth_ros.cli.main',
+            ['record', '--output', str(output / 'bag'), *(f'/{topic}' for topic in TOPICS)],
+        )
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         try:
-            processes.start('simulated_arm', 'panodepth_ros.cli.simulated_arm', ['--link', link])
-            _wait(Path(link).exists, processes, 'the simulated arm')
-            for node, own in (
-                ('arm_driver', ['-p', f'port:={link}']),
-                ('camera', ['-p', f'simulated_arm_truth:={link}.truth']),
-                ('mosaicer', []),
-                ('depth', []),
-            ):
-                processes.start(node, f'panodepth_ros.nodes.{node}', [*ros_arguments, *own])
-            processes.start(
-                'record',
-                'panodepth_ros.cli.main',
-                ['record', '--output', str(output / 'bag'), *(f'/{topic}' for topic in TOPICS)],
-            )
-            rclpy.init(args=[])
-            try:
-                sweep = _Sweep(processes)
-                sweep.run()
-            finally:
-                rclpy.try_shutdown()
-        except BaseException:
-            try:
-                processes.stop()
-            except ProcessError as error:
-                print(f'\n{error}', file=sys.stderr)
-            raise
-        processes.stop()
+            sweep = _Sweep(processes)
+            sweep.run()
+        finally:
+            rclpy.try_shutdown()
+    except BaseException:
+        with suppress(ProcessError):  # what matters is on its way up already
+            processes.stop()
+        raise
+    processes.stop()
     return sweep
 
 

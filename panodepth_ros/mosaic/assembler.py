@@ -61,7 +61,7 @@ class Assembler:
         """
         Use this calibration from now on, also for frames that came before any.
 
-        A sweep begun with another one is given up.
+        A sweep begun with another one is forgotten.
 
         Returns
         -------
@@ -78,7 +78,6 @@ class Assembler:
         Sweep(self.rig, camera, 0.0)
         if self.camera is not None:
             self.restart(self._not_before)
-            self.drops['sweep given up: camera_info changed'] += 1
         self.camera = camera
         return self._place_pending()
 

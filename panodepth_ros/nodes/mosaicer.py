@@ -173,6 +173,7 @@ class Mosaicer(Node):
     # --- data ---------------------------------------------------------------------------------
 
     def _on_camera_info(self, message: CameraInfo) -> None:
+        under_way = self._assembler.sweep is not None
         try:
             self._publish(self._assembler.set_camera(pinhole_camera(message)))
         except ValueError as error:
@@ -180,6 +181,8 @@ class Mosaicer(Node):
             self.get_logger().error(f'camera_info: {error}', throttle_duration_sec=5.0)
         else:
             self._camera_fault = ''
+            if under_way and self._assembler.sweep is None:
+                self._give_up('camera_info has changed')
 
     def _on_image(self, message: Image) -> None:
         if self._camera_fault and self._camera_fault != _NO_CAMERA:
@@ -271,12 +274,16 @@ class Mosaicer(Node):
             if waited > self._settings.frame_timeout:
                 self.get_logger().error(
                     f'no frame for {waited:.1f} s: the sweep waits at column {lead.steps} of '
-                    f'{self._assembler.rig.sweep_columns}',
+                    f'{self._assembler.rig.sweep_columns}{self._most_dropped()}',
                     throttle_duration_sec=self._settings.frame_timeout,
                 )
         elif lead.steps < self._assembler.rig.sweep_columns:
             lead.azimuth = standstill.azimuth
             self._request_step(lead)
+
+    def _most_dropped(self) -> str:
+        reasons = self._assembler.drops.most_common(1)
+        return f'; most frequent: {reasons[0][1]} × {reasons[0][0]}' if reasons else ''
 
     def _took_one_column(self, lead: _Lead, standstill: Standstill) -> bool:
         columns = abs(standstill.azimuth - lead.azimuth) / self._assembler.rig.column_step

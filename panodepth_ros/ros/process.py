@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Callable
 from types import FrameType
 
@@ -10,6 +11,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -27,6 +29,14 @@ def _ignore_signals() -> None:
     """
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)
+
+
+def _explain(name: str, word: str) -> int:
+    """Answer a word that is no ROS argument; return the exit code."""
+    usage = f'usage: {name} --ros-args [-p parameter:=value] [--params-file YAML] [-r old:=new]'
+    asked = word in ('-h', '--help')
+    print(usage if asked else f'{name}: {word!r} is no ROS argument; {usage}', file=sys.stderr)
+    return 0 if asked else 2
 
 
 def run_node(name: str, make_node: Callable[[], Node], args: list[str] | None = None) -> int:
@@ -49,13 +59,16 @@ def run_node(name: str, make_node: Callable[[], Node], args: list[str] | None = 
     Returns
     -------
     int
-        The exit code.
+        The exit code; 2 for words that are no ROS arguments.
     """
     node: Node | None = None
     executor: SingleThreadedExecutor | None = None
     try:
         for number in _SIGNALS:
             signal.signal(number, _interrupt)  # rclpy's own handlers call it, too
+        words = remove_ros_args(args=sys.argv if args is None else [name, *args])[1:]
+        if words:
+            return _explain(name, words[0])
         rclpy.init(args=args)
         executor = SingleThreadedExecutor()
         node = make_node()

@@ -1,6 +1,7 @@
 """The whole graph as processes: a turn of the simulated rig, and its replay."""
 
 import json
+import signal
 from pathlib import Path
 
 import cv2
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from fixtures.ros import started
+from std_srvs.srv import Trigger
 
 from panodepth_ros.bag import read
 from panodepth_ros.ros.images import to_array
@@ -108,6 +110,61 @@ def test_demo_without_a_parameter_file_says_so(tmp_path):
     ) as running:
         assert running.wait() == 1
         assert 'none.yaml is not a file' in running.output
+
+
+@pytest.mark.parametrize(
+    ('when', 'number'),
+    [
+        ('starting the nodes', signal.SIGINT),
+        ('10%', signal.SIGINT),
+        ('10%', signal.SIGTERM),
+        ('10%', signal.SIGHUP),
+        ('comparing', signal.SIGINT),
+    ],
+)
+def test_interrupted_demo_leaves_nothing_running(demo, tmp_path, when, number):
+    _, parameters, _ = demo
+    with started(
+        *('panodepth_ros', 'demo', '--params-file', str(parameters)),
+        *('--output', str(tmp_path / 'out')),
+        exit_code=130,
+    ) as running:
+        running.wait_for_output(when, 100)
+        ours = f'{tmp_path / "out"}'.encode(), b'panodepth_ros'
+        assert running.stop(number) == 130
+        assert 'Traceback' not in running.output
+        assert 'interrupted' in running.output
+    left = [
+        path
+        for path in Path('/proc').glob('[0-9]*/cmdline')
+        if all(word in _content(path) for word in ours)
+    ]
+    assert left == []
+
+
+def _content(path):
+    try:
+        return path.read_bytes()
+    except OSError:  # the process has ended
+        return b''
+
+
+def test_demo_stays_away_from_the_robot_of_the_environment(ros, demo, monkeypatch, tmp_path):
+    # A mosaicer in the domain of the environment would call this arm.
+    _, parameters, _ = demo
+    called = []
+    node = ros.node()
+    node.create_service(
+        Trigger, 'arm_driver/step', lambda _, response: called.append(1) or response
+    )
+    with started(
+        *('panodepth_ros', 'demo', '--params-file', str(parameters)),
+        *('--output', str(tmp_path / 'out')),
+        exit_code=130,
+    ) as running:
+        ros.spin_until(lambda: '10%' in running.output, 'the sweep', 100)
+        running.stop()
+    assert called == []
 
 
 def test_demo_with_a_bad_parameter_shows_the_nodes_sentence(demo, tmp_path):

@@ -57,6 +57,18 @@ def test_bad_parameter_is_one_sentence_and_exit_code_1(node, name):
     assert len(running.output.strip().splitlines()) == 1
 
 
+def test_words_that_are_no_ros_arguments_are_refused(node):
+    running = node('mosaicer', '-p', 'lead:=false')
+    assert_clean(running, code=2)
+    assert "mosaicer: '-p' is no ROS argument; usage: mosaicer --ros-args" in running.output
+
+
+def test_help_is_given(node):
+    running = node('depth', '--help')
+    assert_clean(running)
+    assert running.output.startswith('usage: depth --ros-args')
+
+
 def test_bad_ros_argument_is_one_sentence_and_exit_code_1(node):
     running = node('mosaicer', '--ros-args', '--no-such-thing')
     assert_clean(running, code=1)
