@@ -128,6 +128,11 @@ def test_surface_is_four_per_cent_deep():
     assert scan(far, min_support=2.0)[180] == 2.0, 'what lies behind is no part of it'
 
 
+def test_wall_at_the_horizon_is_beyond_range_max_and_costs_nothing():
+    ranges = scan([(1e15, 0.0, 0.0), (1e9, 0.0, 0.0)], min_support=2.0)
+    assert ranges[180] == math.inf
+
+
 def test_scan_of_nothing_is_unknown():
     assert np.isnan(scan([(np.nan, np.nan, np.nan)])).all()
 

@@ -123,6 +123,16 @@ def test_wall_of_known_distance(ros):
     assert got['depth/camera_info'].distortion_model == 'cylindrical'
 
 
+def test_pixels_of_little_confidence_are_unknown_in_depth(ros):
+    bench = Bench(ros, min_confidence=1.0)
+    bench.send()
+    got = bench.results()
+    confidence = to_array(got['depth/confidence'])
+    assert np.isfinite(confidence).sum() > 0
+    known = np.isfinite(to_array(got['depth/image']))
+    assert np.array_equal(known, confidence >= 1.0)
+
+
 def test_unseen_sector_is_unknown_in_depth_and_scan(ros):
     bench = Bench(ros, beams=180)
     seen = np.ones(COLUMNS, bool)

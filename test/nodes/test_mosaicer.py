@@ -84,6 +84,11 @@ class Bench:
     def rig_is_ahead(self):
         return (self.mosaicer._assembler.track.newest or 0) < self.rig.now
 
+    def someone_else_steps(self, columns):
+        for _ in columns:
+            self.rig._on_step(None, Trigger.Response())
+            self.ros.spin_until(lambda: not self.rig_is_ahead(), 'the joint states')
+
     def start(self):
         answer = self.call('start')
         assert answer.success, answer.message
@@ -271,6 +276,75 @@ def test_cancel_ends_the_sweep_without_a_result(bench):
     assert not bench.call('cancel').success
 
 
+def test_cancelled_sweep_leaves_no_column_behind(bench):
+    bench.rig.refuse_at = 20
+    bench.start()
+    bench.given_up()
+    bench.rig.refuse_at = None
+    bench.start()
+    row = to_array(bench.sweeps()['left/image'])[0, :, 0].tolist()
+    assert sorted(row) == list(range(21, 21 + COLUMNS))
+
+
+def test_start_forgets_what_was_heard_before(ros):
+    bench = Bench(ros).ready()
+    bench.someone_else_steps(range(20))
+    assert bench.mosaicer._assembler.sweep is not None
+    bench.start()
+    row = to_array(bench.sweeps()['left/image'])[0, :, 0].tolist()
+    assert sorted(row) == list(range(21, 21 + COLUMNS))
+
+
+def test_cancel_of_a_followed_sweep(ros):
+    bench = Bench(ros, lead=False).ready()
+    bench.someone_else_steps(range(20))
+    assert bench.call('cancel').success
+    assert bench.mosaicer._assembler.sweep is None
+    assert not bench.call('cancel').success
+
+
+def test_changed_calibration_ends_the_sweep_and_says_so(bench, capfd):
+    move = bench.rig.move
+
+    def move_and_change():
+        move()
+        if bench.rig.steps == 20:
+            bench.rig.camera_info(focal_length=41.0)
+
+    bench.rig.move = move_and_change
+    bench.start()
+    bench.given_up()
+    assert 'nothing is published: camera_info has changed' in capfd.readouterr().err
+
+
+def test_settle_time_is_waited_for(ros):
+    # The rig exposes 10 ms after the arm stands; with 15 ms that frame is too early.
+    bench = Bench(ros, settle_time=0.015).ready()
+    bench.rig.frames = False
+    bench.start()
+    ros.spin_until(lambda: bench.rig.steps == 1, 'the first step')
+    bench.rig.frame()
+    bench.rig.standing()
+    ros.spin_until(
+        lambda: bench.mosaicer._assembler.drops['frame: arm was settling'] == 1, 'the early frame'
+    )
+    bench.rig.frame()
+    ros.spin_until(lambda: bench.rig.steps == 2, 'the next step')
+
+
+def test_missing_sector_is_named(ros, capfd):
+    bench = Bench(ros, lead=False).ready()
+    bench.someone_else_steps(range(10))
+    bench.rig.frames = False
+    bench.someone_else_steps([10])
+    bench.rig.frames = True
+    bench.someone_else_steps(range(11, COLUMNS))
+    geometry = panorama_geometry(bench.sweeps()['left/camera_info'])
+    assert int(geometry.seen.sum()) == COLUMNS - 1
+    said = capfd.readouterr().err
+    assert 'no frame reached the columns from 66.0° to 66.0° of arm azimuth' in said
+
+
 def test_refused_step_ends_the_sweep_without_a_result(bench):
     bench.rig.refuse_at = 7
     bench.start()
@@ -292,7 +366,7 @@ def test_arm_that_never_answers_ends_the_sweep(ros):
     bench.given_up()
 
 
-def test_camera_that_stops_makes_the_sweep_wait_and_go_on(ros):
+def test_camera_that_stops_makes_the_sweep_wait_and_go_on(ros, capfd):
     bench = Bench(ros, frame_timeout=0.1).ready()
     bench.rig.frames = False
     bench.start()
@@ -300,6 +374,8 @@ def test_camera_that_stops_makes_the_sweep_wait_and_go_on(ros):
     waiting = bench.mosaicer._lead.waiting_since
     ros.spin_until(lambda: _time_since(waiting) > 0.5, 'the wait')
     assert bench.rig.steps == 1, 'the arm went on without a frame'
+    said = capfd.readouterr().err
+    assert 'the sweep waits at column 1 of 60; most frequent: 1 × frame: arm moved' in said
     bench.rig.frames = True
     bench.rig.frame()
     bench.rig.standing()
