@@ -62,6 +62,7 @@ def save_ground_plan(
     *,
     arm_radius: float,
     outline: Sequence[npt.NDArray[np.float64]] = (),
+    band_outline: Sequence[npt.NDArray[np.float64]] = (),
     title: str = '',
 ) -> None:
     """
@@ -76,7 +77,10 @@ def save_ground_plan(
     arm_radius : float
         The camera's circle [m].
     outline : sequence of ndarray of float64, shape (K, 2)
-        Polylines of the true room, x and y [m]; none if it is not known.
+        Polylines of the true room at the height of the camera, x and y [m]; none if it is not
+        known.
+    band_outline : sequence of ndarray of float64, shape (K, 2)
+        The same at the edges of the scan's height band.
     title : str
         Heading.
     """
@@ -84,9 +88,18 @@ def save_ground_plan(
     known = np.isfinite(ranges)
     x, y = ranges[known] * np.cos(azimuth[known]), ranges[known] * np.sin(azimuth[known])
     figure, axes = plt.subplots(figsize=(9, 9), layout='constrained')
-    for k, line in enumerate(outline):
-        label = 'true room' if k == 0 else None
-        axes.plot(line[:, 1], line[:, 0], color='0.6', linewidth=2.5, label=label, zorder=1)
+    for lines, colour, width, label in (
+        (band_outline, '0.85', 1.5, "true room at the height band's edges"),
+        (outline, '0.6', 2.5, 'true room'),
+    ):
+        for k, line in enumerate(lines):
+            axes.plot(
+                *(line[:, 1], line[:, 0]),
+                color=colour,
+                linewidth=width,
+                label=label if k == 0 else None,
+                zorder=1,
+            )
     axes.scatter(y, x, s=7, color='tab:red', label='scan', zorder=3)
     circle = plt.Circle((0, 0), arm_radius, fill=False, color='tab:blue', label="camera's circle")
     axes.add_patch(circle)

@@ -77,6 +77,7 @@ def report(
         output / 'ground_plan.png',
         arm_radius=left.arm_radius,
         outline=[np.array(segment) for segment in room.outline(0.0)],
+        band_outline=[np.array(segment) for edge in band for segment in room.outline(edge)],
         title=f'{scan_score.within_5_percent:.1%} of the beams within 5 % of the true room',
     )
     (output / 'scan.json').write_text(

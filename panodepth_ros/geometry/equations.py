@@ -187,6 +187,11 @@ def trusted_distance(
     -------
     float
         The largest l(dx) [m] over whole columns dx; NaN if even the nearest has a larger error.
+
+    Raises
+    ------
+    ValueError
+        If ``allowed_error`` is not above 0 or the rig is impossible.
     """
     if allowed_error <= 0:
         raise ValueError(f'allowed_error is {allowed_error} m; allowed: above 0')

@@ -3,7 +3,7 @@ Quality of service, by what flows.
 
 All are reliable: a reliable publisher serves reliable and best-effort subscribers alike, and
 large best-effort messages are lost between processes. All are volatile: a subscriber that asks
-for volatile never gets a latched message, so late joiners are served by a timer where need be.
+for volatile never gets a latched message.
 """
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
