@@ -36,8 +36,8 @@ Float32Array = npt.NDArray[np.float32]
 
 N = WINDOW_HALF_WIDTH
 WIDTH = 2 * N + 1
-#: Columns of a tile; its column sums stay in the second-level cache.
-TILE_COLUMNS = 128
+#: Column sums of a tile: they stay in the second-level cache.
+TILE_SUMS = 49152
 #: Score of ρ = 1 before its low bits name the candidate.
 SCORE_UNIT = 2.0**30
 #: Rows whose window statistics are kept at a time.
@@ -134,6 +134,12 @@ def _codes(candidates: int, lanes: int) -> Int32Array:
     codes = np.arange(lanes - 1, -1, -1, dtype=np.int32)
     codes[candidates:] = -(2**31)
     return codes
+
+
+@kernel
+def tile_columns(lanes: int) -> int:
+    """Columns of a tile; not so few that its borders weigh."""
+    return max(TILE_SUMS // lanes, 16 * WIDTH)
 
 
 @kernel

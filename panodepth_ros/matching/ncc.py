@@ -19,25 +19,21 @@ from numba import float32, int32
 from panodepth_ros.geometry import Panorama
 from panodepth_ros.matching.compiled import kernel
 from panodepth_ros.matching.correlation import (
-    MINIMAL_COLUMNS,
     SCORE_UNIT,
-    TILE_COLUMNS,
     WIDTH,
     Float32Array,
-    Int16Array,
     Int32Array,
     N,
     PaddedPair,
-    Windows,
     add_row,
-    clipped_rows,
-    inverse_deviation,
     named_candidate,
     pad,
+    tile_columns,
     vertex,
     window_statistics,
 )
 from panodepth_ros.matching.interface import Correspondence, GreyPair, grey_pair
+from panodepth_ros.matching.masked import Reach, TileRow, correlate, reach_of, tile_row
 from panodepth_ros.matching.simd import (
     LANES,
     largest,
@@ -84,17 +80,17 @@ def match_ncc(
 
     Parameters and returns as in :func:`panodepth_ros.matching.match`.
     """
-    return correlate(grey_pair(left, right), threads)
+    return match_grey(grey_pair(left, right), threads)
 
 
 def prepare() -> None:
     """Compile the kernels."""
     grey = np.zeros((WIDTH, 2 * WIDTH), np.uint8)
     seen = np.ones(2 * WIDTH, np.bool_)
-    correlate(GreyPair(grey, grey, seen, seen, first=1, last=WIDTH), 1)
+    match_grey(GreyPair(grey, grey, seen, seen, first=1, last=WIDTH), 1)
 
 
-def correlate(pair: GreyPair, threads: int) -> Correspondence:
+def match_grey(pair: GreyPair, threads: int) -> Correspondence:
     """
     Match a grey pair.
 
@@ -135,7 +131,6 @@ def _match_band(
 ) -> None:
     """Match the rows start … stop − 1."""
     columns, lanes = disparity.shape[1], pair.codes.size
-    rows = pair.left.shape[0] - WIDTH - 1
     disparity[:] = np.nan
     confidence[:] = np.nan
     bests = Bests(
@@ -144,50 +139,67 @@ def _match_band(
         disparity,
         confidence,
     )
-    sums = np.empty((TILE_COLUMNS + 2 * N + 1) * lanes, np.int32)
-    for tile in range(0, columns, TILE_COLUMNS):
-        width = min(TILE_COLUMNS, columns - tile)
+    reach = reach_of(pair, columns)
+    widest = tile_columns(lanes)
+    sums = np.empty((widest + 2 * N + 1) * lanes, np.int32)
+    for tile in range(0, columns, widest):
+        width = min(widest, columns - tile)
         if not np.any(pair.left_seen[tile + N : tile + N + width]):
             continue
-        complete = np.all(pair.left_seen[tile : tile + width + 2 * N]) and np.all(
-            pair.right_seen[tile : tile + width + pair.candidates + 2 * N]
-        )
+        gaps = not np.all(reach.search[tile : tile + width])
         left = window_statistics(pair.left, start, stop, tile, width)
         right = window_statistics(pair.right, start, stop, tile, width + lanes)
         sums[:] = 0
-        for row in range(start, start + WIDTH):
-            add_row(sums, pair.left, pair.right, row, 0, tile, width, lanes)
+        for filling in range(start, start + WIDTH):
+            add_row(sums, pair.left, pair.right, filling, 0, tile, width, lanes)
         for y in range(start, stop):
-            if complete:
-                _match_row(pair, y, y - start, rows, tile, width, sums, left, right, bests)
-            else:
-                add_row(sums, pair.left, pair.right, y + WIDTH, y, tile, width, lanes)
-                _match_row_masked(pair, y, y - start, rows, tile, width, sums, bests)
+            row = tile_row(pair, y, y - start, tile, left, right, gaps)
+            _match_row(pair, reach, row, y, y - start, width, sums, bests)
     _keep_consistent(pair, bests)
 
 
 @kernel
 def _match_row(
-    pair: PaddedPair, y: int, row: int, rows: int, tile: int, width: int,
-    sums: Int32Array, left: Windows, right: Windows, bests: Bests,
+    pair: PaddedPair, reach: Reach, row: TileRow, y: int, band_row: int, width: int,
+    sums: Int32Array, bests: Bests,
 ) -> None:  # fmt: skip
-    """Move a tile down to row y and match it; every column was seen."""
-    codes, lanes = pair.codes, pair.codes.size
-    count = int32(WIDTH * clipped_rows(y, rows))
-    below, above = pair.right[y + WIDTH], pair.right[y]
-    totals, inverses = right.totals[row], right.inverses[row]
-    right_best = bests.right[row, tile : tile + width + lanes]
-    add_row(sums, pair.left, pair.right, y + WIDTH, y, tile, 0, lanes)
+    """Move a tile down to row y and match it, in runs with and without unseen columns."""
+    lanes = pair.codes.size
+    add_row(sums, pair.left, pair.right, y + WIDTH, y, row.tile, 0, lanes)
     cross = np.zeros(lanes, np.int32)
     for at in range(lanes, (2 * N + 1) * lanes, lanes):
         for d in range(0, lanes, LANES):
             store(cross, d, load(cross, d) + load(sums, at + d))
+    search = reach.search[row.tile : row.tile + width]
+    x = 0
+    while x < width:
+        end = x + 1
+        while end < width and search[end] == search[x]:
+            end += 1
+        if search[x]:
+            _match_whole(pair, row, y, band_row, x, end, sums, cross, bests)
+        else:
+            _match_masked(pair, reach, row, y, band_row, x, end, sums, cross, bests)
+        x = end
+
+
+@kernel
+def _match_whole(
+    pair: PaddedPair, row: TileRow, y: int, band_row: int, first: int, end: int,
+    sums: Int32Array, cross: Int32Array, bests: Bests,
+) -> None:  # fmt: skip
+    """Match the columns first … end − 1 of a tile, whose searches meet no unseen column."""
+    tile, lanes, codes = row.tile, cross.size, pair.codes
+    below, above = pair.right[y + WIDTH], pair.right[y]
+    totals, inverses = row.right.totals, row.right.inverses
+    right_best = bests.right[band_row, tile:]
+    count = int32(WIDTH * row.window_rows)
     counts, score_bits = splat(count), splat(int32(~pair.name_bits))
-    for x in range(width):
+    for x in range(first, end):
         entering = tile + x + 2 * N
         at, at_leaving = (x + 2 * N + 1) * lanes, x * lanes
         new, old = splat(pair.left[y + WIDTH, entering]), splat(pair.left[y, entering])
-        total, inverse = left.totals[row, x], left.inverses[row, x]
+        total, inverse = row.left.totals[x], row.left.inverses[x]
         left_total, left_scale = splat(total), splat(float32(inverse * SCORE_UNIT))
         best = splat(int32(0))
         for d in range(0, lanes, LANES):
@@ -215,78 +227,45 @@ def _match_row(
             k = number + 1
             after = float32(count * cross[k] - total * totals[x + k]) * inverses[x + k] * inverse
             offset = vertex(before, peak, after)
-        bests.numbers[row, tile + x] = number
-        bests.disparity[row, tile + x] = float32(pair.first + number) + offset
-        bests.confidence[row, tile + x] = min(peak, float32(1))
+        bests.numbers[band_row, tile + x] = number
+        bests.disparity[band_row, tile + x] = float32(pair.first + number) + offset
+        bests.confidence[band_row, tile + x] = min(peak, float32(1))
 
 
 @kernel
-def _match_row_masked(
-    pair: PaddedPair, y: int, row: int, rows: int, tile: int, width: int,
-    sums: Int32Array, bests: Bests,
+def _match_masked(
+    pair: PaddedPair, reach: Reach, row: TileRow, y: int, band_row: int, first: int, end: int,
+    sums: Int32Array, cross: Int32Array, bests: Bests,
 ) -> None:  # fmt: skip
-    """Match a tile's part of row y without the columns that either panorama did not see."""
-    lanes, candidates = pair.codes.size, pair.candidates
-    window_rows = clipped_rows(y, rows)
-    left_columns = _column_statistics(pair.left, y, tile, width + 2 * N)
-    right_columns = _column_statistics(pair.right, y, tile, width + 2 * N + candidates)
-    # Seen columns, Σl, Σl², Σr, Σr², Σlr of the window for each candidate.
-    window = np.zeros((6, candidates), np.int32)
-    rho = np.zeros(candidates, np.float32)
-    for x in range(-2 * N, width):
-        column = tile + x
-        for side in range(2):
-            # The window's right end enters, then the column left of its left end leaves.
-            i = x - 1 if side else x + 2 * N
-            if i < 0:
-                continue
-            sign = -1 if side else 1
-            seen = pair.left_seen[tile + i] * sign
-            for d in range(candidates):
-                both = seen * pair.right_seen[tile + i + d]
-                window[0, d] += both
-                window[1, d] += both * left_columns[0, i]
-                window[2, d] += both * left_columns[1, i]
-                window[3, d] += both * right_columns[0, i + d]
-                window[4, d] += both * right_columns[1, i + d]
-                window[5, d] += sign * sums[(i + 1) * lanes + d]
-        if x < 0 or pair.left_seen[column + N] == 0:
+    """Do as ``_match_whole`` without the columns that either panorama did not see."""
+    tile, lanes = row.tile, cross.size
+    below, above = pair.right[y + WIDTH], pair.right[y]
+    right_best = bests.right[band_row, tile:]
+    rho, names = np.empty(lanes, np.float32), np.empty(lanes, np.int32)
+    for x in range(first, end):
+        entering = tile + x + 2 * N
+        at, at_leaving = (x + 2 * N + 1) * lanes, x * lanes
+        new, old = splat(pair.left[y + WIDTH, entering]), splat(pair.left[y, entering])
+        for d in range(0, lanes, LANES):
+            added = new * load(below, entering + d)
+            taken = old * load(above, entering + d)
+            column_sum = load(sums, at + d) + widen(added - taken)
+            store(sums, at + d, column_sum)
+            store(cross, d, load(cross, d) + column_sum - load(sums, at_leaving + d))
+        if pair.left_seen[tile + x + N] == 0:
             continue
-        best = int32(0)
-        for d in range(candidates):
-            rho[d] = np.nan
-            if window[0, d] < MINIMAL_COLUMNS or pair.right_seen[column + N + d] == 0:
-                continue
-            count = int32(window_rows * window[0, d])
-            inverse = inverse_deviation(count, window[1, d], window[2, d])
-            right_inverse = inverse_deviation(count, window[3, d], window[4, d])
-            covariance = float32(count * window[5, d] - window[1, d] * window[3, d])
-            rho[d] = covariance * right_inverse * inverse
-            scaled = covariance * right_inverse * float32(inverse * SCORE_UNIT)
-            named = int32((int32(scaled) & ~pair.name_bits) | pair.codes[d])
-            bests.right[row, column + d] = max(bests.right[row, column + d], named)
-            best = max(best, named)
-        if best <= pair.name_bits:
+        named_best = correlate(pair, reach, row, x, cross, rho, names)
+        for d in range(0, lanes, LANES):
+            store(right_best, x + d, maximum(load(right_best, x + d), load(names, d)))
+        if named_best <= pair.name_bits:
             continue
-        number = named_candidate(best, pair)
+        number = named_candidate(named_best, pair)
         offset = float32(0)
-        if 0 < number < candidates - 1:
+        if 0 < number < pair.candidates - 1:
             offset = vertex(rho[number - 1], rho[number], rho[number + 1])
-        bests.numbers[row, column] = number
-        bests.disparity[row, column] = float32(pair.first + number) + offset
-        bests.confidence[row, column] = min(rho[number], float32(1))
-
-
-@kernel
-def _column_statistics(padded: Int16Array, y: int, start: int, width: int) -> Int32Array:
-    """Σv and Σv² over the window's rows of single columns, shape (2, width)."""
-    statistics = np.zeros((2, width), np.int32)
-    for row in range(y + 1, y + WIDTH + 1):
-        for x in range(width):
-            value = int32(padded[row, start + x])
-            statistics[0, x] += value
-            statistics[1, x] += value * value
-    return statistics
+        bests.numbers[band_row, tile + x] = number
+        bests.disparity[band_row, tile + x] = float32(pair.first + number) + offset
+        bests.confidence[band_row, tile + x] = min(rho[number], float32(1))
 
 
 @kernel

@@ -9,7 +9,7 @@ so the code is the same on every processor. Nothing checks bounds: arrays must b
 whole vectors.
 
 Vectors of one type combine with ``+``, ``-`` and ``*``, those of integers, which wrap, also with
-``&`` and ``|``.
+``&`` and ``|``, those of real numbers with ``/``.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from typing import Any
 
 from llvmlite import ir  # type: ignore[import-untyped]  # has no types
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, register_model
 
 #: Numbers in a vector: one register of AVX-512 for 32 bits, two of AVX2, four of NEON.
@@ -82,6 +83,30 @@ def _store(typing: Any, array: Any, index: Any, vector: Any) -> Any:
     return types.void(array, types.intp, vector), generate
 
 
+def _greater(typing: Any, a: Any, b: Any) -> Any:
+    """Return 1 where an integer of one vector exceeds that of another, else 0."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        compare = builder.icmp_signed if a.element.signed else builder.icmp_unsigned
+        return builder.zext(compare('>', *arguments), context.get_value_type(a))
+
+    return a(a, b), generate
+
+
+def _square_root(typing: Any, vector: Any) -> Any:
+    """Return the square roots of real numbers, correctly rounded."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = context.get_value_type(vector)
+        name = f'llvm.sqrt.v{LANES}f{vector.element.bitwidth}'
+        function = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(kind, [kind]), name
+        )
+        return builder.call(function, arguments)
+
+    return vector(vector), generate
+
+
 def _splat(typing: Any, value: Any) -> Any:
     """Return a vector of one number."""
 
@@ -91,7 +116,7 @@ def _splat(typing: Any, value: Any) -> Any:
     return Vector(value)(value), generate
 
 
-def _arithmetic(integer: str, floating: str | None = None) -> Any:
+def _arithmetic(integer: str | None, floating: str | None) -> Any:
     def function(typing: Any, a: Any, b: Any) -> Any:
         operation = integer if _is_integer(a) else floating
         if operation is None:
@@ -169,6 +194,8 @@ def _conversion(element: Any, operation: str) -> Any:
 load = intrinsic(_load)
 store = intrinsic(_store)
 splat = intrinsic(_splat)
+greater = intrinsic(_greater)
+square_root = intrinsic(_square_root)
 #: The larger of two vectors, lane by lane.
 maximum = intrinsic(_extremum('>'))
 #: The largest number in a vector.
@@ -181,5 +208,6 @@ to_integer = intrinsic(_conversion(types.int32, 'fptosi'))
 _overload(operator.add, _arithmetic('add', 'fadd'))
 _overload(operator.sub, _arithmetic('sub', 'fsub'))
 _overload(operator.mul, _arithmetic('mul', 'fmul'))
-_overload(operator.and_, _arithmetic('and_'))
-_overload(operator.or_, _arithmetic('or_'))
+_overload(operator.truediv, _arithmetic(None, 'fdiv'))
+_overload(operator.and_, _arithmetic('and_', None))
+_overload(operator.or_, _arithmetic('or_', None))

@@ -15,39 +15,26 @@ from concurrent.futures import ThreadPoolExecutor
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float32, int32
+from numba import float32
 
 from panodepth_ros.geometry import Panorama
 from panodepth_ros.matching.compiled import kernel
 from panodepth_ros.matching.correlation import (
-    SCORE_UNIT,
-    TILE_COLUMNS,
     WIDTH,
     Float32Array,
     Int32Array,
     N,
     PaddedPair,
-    Windows,
     add_row,
-    clipped_rows,
-    complete_windows,
-    masked_correlation,
     named_candidate,
     pad,
+    tile_columns,
     vertex,
     window_statistics,
 )
 from panodepth_ros.matching.interface import Correspondence, GreyPair, grey_pair
-from panodepth_ros.matching.simd import (
-    LANES,
-    largest,
-    load,
-    maximum,
-    splat,
-    store,
-    to_float,
-    to_integer,
-)
+from panodepth_ros.matching.masked import correlate, reach_of, tile_row
+from panodepth_ros.matching.simd import LANES, load, store
 
 #: Sobel response of an edge that is matched: a step of 32 grey levels.
 EDGE_THRESHOLD = 128
@@ -111,84 +98,45 @@ def _match_edges(
 ) -> None:  # fmt: skip
     """Match the edges on the rows start … stop − 1."""
     columns, lanes = edges.shape[1], pair.codes.size
-    whole = _whole_searches(pair, columns)
+    reach = reach_of(pair, columns)
+    cross, names = np.empty(lanes, np.int32), np.empty(lanes, np.int32)
     rho = np.empty(lanes, np.float32)
-    sums = np.empty((TILE_COLUMNS + 2 * N + 1) * lanes, np.int32)
-    for tile in range(0, columns, TILE_COLUMNS):
-        width = min(TILE_COLUMNS, columns - tile)
+    widest = tile_columns(lanes)
+    sums = np.empty((widest + 2 * N + 1) * lanes, np.int32)
+    for tile in range(0, columns, widest):
+        width = min(widest, columns - tile)
         if not np.any(edges[start:stop, tile : tile + width]):
             continue
+        gaps = not np.all(reach.search[tile : tile + width])
         left = window_statistics(pair.left, start, stop, tile, width)
         right = window_statistics(pair.right, start, stop, tile, width + lanes)
         sums[:] = 0
-        for row in range(start, start + WIDTH):
-            add_row(sums, pair.left, pair.right, row, 0, tile, width, lanes)
+        for filling in range(start, start + WIDTH):
+            add_row(sums, pair.left, pair.right, filling, 0, tile, width, lanes)
         for y in range(start, stop):
             add_row(sums, pair.left, pair.right, y + WIDTH, y, tile, width, lanes)
+            row = tile_row(pair, y, y - start, tile, left, right, gaps)
             for x in range(width):
-                column = tile + x
-                if not edges[y, column]:
+                if not edges[y, tile + x]:
                     continue
-                if whole[column]:
-                    named = _correlate(pair, y, y - start, x, sums, left, right, rho)
-                else:
-                    named = _correlate_masked(pair, y, column, rho)
+                _sum_columns(sums, x, cross)
+                named = correlate(pair, reach, row, x, cross, rho, names)
                 if named <= pair.name_bits:
                     continue
                 number = named_candidate(named, pair)
                 offset = float32(0)
                 if 0 < number < pair.candidates - 1:
                     offset = vertex(rho[number - 1], rho[number], rho[number + 1])
-                disparity[y, column] = float32(pair.first + number) + offset
-                confidence[y, column] = min(rho[number], float32(1))
+                disparity[y, tile + x] = float32(pair.first + number) + offset
+                confidence[y, tile + x] = min(rho[number], float32(1))
 
 
 @kernel
-def _whole_searches(pair: PaddedPair, columns: int) -> npt.NDArray[np.bool_]:
-    """Whether all windows that a left column's search compares were seen, shape (columns,)."""
-    left = complete_windows(pair.left_seen, columns)
-    right = complete_windows(pair.right_seen, columns + pair.candidates)
-    whole = np.empty(columns, np.bool_)
-    run = 0  # complete windows from here to the right
-    for x in range(columns + pair.candidates - 1, -1, -1):
-        run = run + 1 if right[x] else 0
-        if x < columns:
-            whole[x] = left[x] and run >= pair.candidates
-    return whole
-
-
-@kernel
-def _correlate(
-    pair: PaddedPair, y: int, row: int, x: int,
-    sums: Int32Array, left: Windows, right: Windows, rho: Float32Array,
-) -> int:  # fmt: skip
-    """Write ρ of a left pixel, column x of the tile, for all candidates; name the best."""
-    lanes = pair.codes.size
-    totals, inverses = right.totals[row], right.inverses[row]
-    count = splat(int32(WIDTH * clipped_rows(y, pair.left.shape[0] - WIDTH - 1)))
-    total, inverse = splat(left.totals[row, x]), splat(left.inverses[row, x])
-    unit, score_bits = splat(float32(SCORE_UNIT)), splat(int32(~pair.name_bits))
-    best = splat(int32(0))
+def _sum_columns(sums: Int32Array, x: int, cross: Int32Array) -> None:
+    """Write Σlr of column x of a tile for all candidates."""
+    lanes = cross.size
     for d in range(0, lanes, LANES):
         products = load(sums, (x + 1) * lanes + d)
         for i in range(1, WIDTH):
             products = products + load(sums, (x + 1 + i) * lanes + d)
-        covariance = count * products - total * load(totals, x + d)
-        correlation = to_float(covariance) * load(inverses, x + d) * inverse
-        store(rho, d, correlation)
-        named = (to_integer(correlation * unit) & score_bits) | load(pair.codes, d)
-        best = maximum(best, named)
-    named_best: int = largest(best)
-    return named_best
-
-
-@kernel
-def _correlate_masked(pair: PaddedPair, y: int, x: int, rho: Float32Array) -> int:
-    """Do as ``_correlate`` without the columns that either panorama did not see."""
-    best: int = int32(0)
-    for d in range(pair.candidates):
-        rho[d] = masked_correlation(pair, y, x, d)
-        if not np.isnan(rho[d]):
-            named = int32((int32(rho[d] * SCORE_UNIT) & ~pair.name_bits) | pair.codes[d])
-            best = max(best, named)
-    return best
+        store(cross, d, products)
