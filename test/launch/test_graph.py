@@ -71,17 +71,7 @@ def test_replay_gives_the_same_values(ros, demo, tmp_path):
         started('panodepth_ros', 'record', '-o', str(tmp_path / 'out'), *RESULTS) as recorder,
     ):
         depth.wait_for_output('ready')
-        node = ros.node()
-        ros.spin_until(
-            lambda: all(
-                any(
-                    end.node_name == 'recorder'
-                    for end in node.get_subscriptions_info_by_topic(topic)
-                )
-                for topic in RESULTS
-            ),
-            'the recorder',
-        )
+        ros.spin_until_recorded(RESULTS)
         topics = ['/image_raw', '/camera_info', '/joint_states']
         with started(
             'panodepth_ros', 'replay', '--asap', str(output / 'bag'), '--topics', *topics

@@ -39,17 +39,7 @@ def test_replayed_room_gives_its_mosaics_and_its_ground_plan(ros, tmp_path, trut
         started('panodepth_ros', 'record', '-o', str(tmp_path / 'out'), *RESULTS) as recorder,
     ):
         depth.wait_for_output('ready')
-        node = ros.node()
-        ros.spin_until(
-            lambda: all(
-                any(
-                    end.node_name == 'recorder'
-                    for end in node.get_subscriptions_info_by_topic(topic)
-                )
-                for topic in RESULTS
-            ),
-            'the recorder',
-        )
+        ros.spin_until_recorded(RESULTS)
         with started(
             'panodepth_ros',
             'replay',
