@@ -3,32 +3,41 @@ How probable it is that a disparity is right within one column: a logistic regre
 
 What it looks at is dimensionless or in columns and was chosen on generated rooms: the margin of
 the winner over the next best candidate, the agreement of both eyes, the agreement with the
-neighbours near and farther (a speckle has none), and how well the window determines the
-fraction. ``tools/fit_confidence.py`` prints the coefficients.
+neighbours near and farther (a speckle has none), the agreement with those of them that have the
+same colour (the rest of a thin board agrees, what is behind it need not), and how well the
+window determines the fraction. ``tools/fit_confidence.py`` prints the coefficients.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from numba import int32, uint8
 
 from panodepth_ros.matching.compiled import kernel
 
+Bytes = npt.NDArray[np.uint8]
 Float32Array = npt.NDArray[np.float32]
+Seen = npt.NDArray[np.bool_]
 
 #: Half width and stride of the neighbourhoods whose agreement counts [pixels].
 NEAR, NEAR_STRIDE = 2, 1
 FAR, FAR_STRIDE = 6, 2
+#: Half height and half width of the neighbourhood of like colour, stride along its rows [pixels].
+ALIKE_ROWS, ALIKE_COLUMNS, ALIKE_STRIDE = 3, 12, 2
+#: Colours are alike if no channel differs by more [grey levels].
+ALIKE = 15
 #: Candidate of a pixel on which the eyes disagree: far from all others.
 DISAGREES = 30000
 #: Names of what the regression looks at, in the order of the coefficients.
 FEATURES = (
     'margin', 'margin²', 'eyes agree', 'eyes differ by 1', 'eyes differ by 2', 'near', 'near²',
-    'far', 'far²', 'fraction', 'weight', 'margin · far', '1',
+    'far', 'far²', 'fraction', 'weight', 'margin · far', 'alike', 'alike²',
+    'margin · alike', '1',
 )  # fmt: skip
 COEFFICIENTS = np.array(
-    [-0.7793, 0.0982, 0.5277, 0.5616, 0.7379, 3.4009, -1.1761, 0.9545, 0.3640, -0.3505, -0.0701,
-     0.4124, -1.4807]
+    [-0.7164, 0.0891, 0.2049, 0.2379, 0.5214, 1.3574, -0.3588, -0.8822, 1.0643, -0.4043, -0.0405,
+     0.2277, 4.7076, -1.9212, 0.2199, -1.4565]
 )  # fmt: skip
 
 
@@ -44,7 +53,7 @@ def agreement(
     ----------
     best : ndarray of int16, shape (H, W)
         Candidate of each pixel.
-    agreed : ndarray of int16, shape (H + 2·FAR, W + 2·FAR)
+    agreed : ndarray of int16, shape (H + 2·FAR, W + 2·ALIKE_COLUMNS)
         The same with a border, ``DISAGREES`` where it must not count.
     start, stop : int
         Rows to handle.
@@ -63,16 +72,73 @@ def agreement(
             for i in range(-half, half + 1, stride):
                 if j == 0 and i == 0:
                     continue
-                there = agreed[y + FAR + j, FAR + i : FAR + i + columns]
+                first = ALIKE_COLUMNS + i
+                there = agreed[y + FAR + j, first : first + columns]
                 for x in range(columns):
                     votes[x] += np.int16(abs(np.int16(there[x] - here[x])) <= 1)
         for x in range(columns):
             out[y - start, x] = share * np.float32(votes[x])
 
 
+@kernel
+def agreement_in_colour(
+    best: npt.NDArray[np.int16], agreed: npt.NDArray[np.int16], image: Bytes, seen: Seen,
+    start: int, stop: int, out: Float32Array,
+) -> None:  # fmt: skip
+    """
+    Share of the neighbours of like colour that have the same disparity within one column.
+
+    Parameters
+    ----------
+    best, agreed : ndarray of int16
+        As in :func:`agreement`.
+    image : ndarray of uint8, shape (3, H, W)
+        Colours.
+    seen : ndarray of bool, shape (W + 2·ALIKE_COLUMNS,)
+        Columns that a frame saw, with a border.
+    start, stop : int
+        Rows to handle.
+    out : ndarray of float32, shape (stop − start, W)
+        Receives the share, 0 … 1; one more that does not agree is counted in, so that few
+        neighbours say less than many.
+    """
+    rows, columns = best.shape
+    side = ALIKE_COLUMNS
+    wide = np.empty((3, columns + 2 * side), np.uint8)
+    votes, alike = np.empty(columns, np.uint8), np.empty(columns, np.uint8)
+    for y in range(start, stop):
+        here = best[y]
+        blue, green, red = image[0, y], image[1, y], image[2, y]
+        votes[:] = uint8(0)
+        alike[:] = uint8(0)
+        for j in range(-ALIKE_ROWS, ALIKE_ROWS + 1):
+            other = min(max(y + j, 0), rows - 1)
+            wide[:, side : side + columns] = image[:, other]
+            for k in range(side):
+                wide[:, side - 1 - k] = image[:, other, (columns - 1 - k) % columns]
+                wide[:, side + columns + k] = image[:, other, k % columns]
+            for i in range(0, 2 * side + 1, ALIKE_STRIDE):
+                if j == 0 and i == side:
+                    continue
+                there = agreed[y + FAR + j, i : i + columns]
+                blues, greens, reds = (
+                    wide[0, i : i + columns], wide[1, i : i + columns], wide[2, i : i + columns]
+                )  # fmt: skip
+                usable = seen[i : i + columns]
+                for x in range(columns):
+                    b = uint8(max(blue[x], blues[x]) - min(blue[x], blues[x]))
+                    g = uint8(max(green[x], greens[x]) - min(green[x], greens[x]))
+                    r = uint8(max(red[x], reds[x]) - min(red[x], reds[x]))
+                    same = uint8(max(b, g, r) <= uint8(ALIKE)) & uint8(usable[x])
+                    alike[x] += same
+                    votes[x] += same & uint8(abs(np.int16(there[x] - here[x])) <= 1)
+        for x in range(columns):
+            out[y - start, x] = np.float32(votes[x]) / np.float32(int32(alike[x]) + 1)
+
+
 def features(
     margin: npt.NDArray[np.uint16], eyes: npt.NDArray[np.integer], near: Float32Array,
-    far: Float32Array, fraction: Float32Array, weight: Float32Array,
+    far: Float32Array, alike: Float32Array, fraction: Float32Array, weight: Float32Array,
 ) -> list[Float32Array]:  # fmt: skip
     """
     What the regression looks at, in the order of ``FEATURES`` without the constant.
@@ -83,8 +149,8 @@ def features(
         Aggregated cost of the next best candidate minus that of the winner.
     eyes : ndarray of int, shape (...)
         By how many columns the right pixel's winner differs.
-    near, far : ndarray of float32, shape (...)
-        Agreement with the neighbours, 0 … 1.
+    near, far, alike : ndarray of float32, shape (...)
+        Agreement with the neighbours and with those of like colour, 0 … 1.
     fraction, weight : ndarray of float32, shape (...)
         What ``refinement.locate`` found.
     """
@@ -103,6 +169,9 @@ def features(
         np.abs(fraction),
         np.log(weight + np.float32(0.01)),
         log_margin * far,
+        alike,
+        alike**2,
+        log_margin * alike,
     ]
 
 

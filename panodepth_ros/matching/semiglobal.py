@@ -39,6 +39,7 @@ from panodepth_ros.matching.semiglobal_paths import (
     NOBODY,
     disagreement,
     match_tile,
+    vertical_penalties,
 )
 
 Bytes = npt.NDArray[np.uint8]
@@ -244,6 +245,7 @@ def aggregate(
     rows, columns = pair.left_grey.shape
     lanes = -(-pair.candidates // LANES) * LANES
     cut = HIGH_NOISE_CUT if noise > HIGH_NOISE else LOW_NOISE_CUT
+    penalties = vertical_penalties(noise)
     best, margin = (np.empty((rows, columns), np.uint16) for _ in range(2))
     right_best = np.full((rows, columns), NOBODY, np.uint32)
     merging = threading.Lock()
@@ -259,7 +261,7 @@ def aggregate(
         found = np.full((bottom - top, stop - start + lanes), NOBODY, np.uint32)
         match_tile(
             *_surroundings(pair, tile, lanes), top - max(top - MARGIN_ROWS, 0), pair.candidates,
-            round(noise), cut if colour else 0, cut == LOW_NOISE_CUT,
+            round(noise), cut if colour else 0, cut == LOW_NOISE_CUT, penalties,
             memory.costs, memory.totals,
             best[top:bottom, start:stop], margin[top:bottom, start:stop], found,
         )  # fmt: skip
@@ -384,18 +386,22 @@ class Bordered:
         See ``refinement.locate``.
     best, agreed : ndarray of int16
         See ``confidence.agreement``.
+    colours, seen : ndarray of uint8, bool
+        See ``confidence.agreement_in_colour``.
     """
 
     left: Bytes
     right: Bytes
     best: npt.NDArray[np.int16]
     agreed: npt.NDArray[np.int16]
+    colours: Bytes
+    seen: npt.NDArray[np.bool_]
 
 
 def bordered(pair: ColourPair, winners: Winners) -> Bordered:
     """Put the borders around."""
     columns = winners.best.shape[1]
-    half, far = refinement.HALF_WINDOW, confidence.FAR
+    half, wide = refinement.HALF_WINDOW, confidence.ALIKE_COLUMNS
     best = winners.best.astype(np.int16)
     best[:, ~pair.left_seen] = UNSEEN_STEP
     agreed = np.where(winners.eyes <= 1, best, np.int16(confidence.DISAGREES))
@@ -405,7 +411,9 @@ def bordered(pair: ColourPair, winners: Winners) -> Bordered:
         left=_wrapped(_taller(pair.left_grey, half), -half, columns + half),
         right=_wrapped(_taller(pair.right_grey, half), pair.first - half - 1, last),
         best=best,
-        agreed=_wrapped(_taller(agreed, far), -far, columns + far),
+        agreed=_wrapped(_taller(agreed, confidence.FAR), -wide, columns + wide),
+        colours=pair.left,
+        seen=_wrapped(pair.left_seen, -wide, columns + wide),
     )
 
 
@@ -414,15 +422,19 @@ def evidence(
 ) -> tuple[list[Float32Array], Float32Array, Float32Array]:
     """Features of ``confidence`` of some rows, and what ``refinement.locate`` finds there."""
     shape = stop - start, images.best.shape[1]
-    fraction, weight, near, far = (np.empty(shape, np.float32) for _ in range(4))
+    fraction, weight, near, far, alike = (np.empty(shape, np.float32) for _ in range(5))
     refinement.locate(images.left, images.right, winners.best, start, stop, fraction, weight)
     for half, stride, out in (
         (confidence.NEAR, confidence.NEAR_STRIDE, near),
         (confidence.FAR, confidence.FAR_STRIDE, far),
     ):
         confidence.agreement(images.best, images.agreed, start, stop, half, stride, out)
+    confidence.agreement_in_colour(
+        images.best, images.agreed, images.colours, images.seen, start, stop, alike
+    )
     margin, eyes = winners.margin[start:stop], winners.eyes[start:stop]
-    return confidence.features(margin, eyes, near, far, fraction, weight), fraction, weight
+    values = confidence.features(margin, eyes, near, far, alike, fraction, weight)
+    return values, fraction, weight
 
 
 def _in_bands(

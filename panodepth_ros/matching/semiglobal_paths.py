@@ -9,6 +9,10 @@ processing by semiglobal matching and mutual information", 2008, eq. 13)
 with the pixel p' before it. Paths run along the row from the left and from the right, and along
 the column from above and from below. C + P2 fits into a byte, and so does every state.
 
+Along the columns P2 falls towards P1 where the colour changes. A plain board that is a few rows
+high says nothing along its rows but what their ends say; vertical paths that carried the
+surroundings through it at full price would outvote that.
+
 A tile is a core and a margin: paths start that many pixels outside of the core, where they forget
 that they started. What a tile keeps does not grow with the panorama.
 """
@@ -37,6 +41,10 @@ Function = TypeVar('Function', bound=Callable[..., object])
 
 #: Penalty of one column's change of disparity, and of any larger change.
 SMALL_PENALTY, LARGE_PENALTY = 60, 125
+#: Colour difference over which a vertical path's large penalty falls towards the small one.
+EDGE_SCALE = 20.0
+#: Differences up to this multiple of the noise are none.
+EDGE_NOISE = 2.0
 #: Candidates are padded to a multiple of this, whole vector registers.
 LANES = 32
 #: Rows whose horizontal paths advance together, so that no step waits for the one before.
@@ -49,18 +57,33 @@ FILLER_COST = 255 - LARGE_PENALTY
 NOBODY = 0xFFFFFFFF
 
 
+def vertical_penalties(noise: float) -> Bytes:
+    """
+    Large penalty of a vertical step by the largest difference of a channel, shape (256,).
+
+    Parameters
+    ----------
+    noise : float
+        Noise of the grey levels.
+    """
+    edge = np.maximum(np.arange(256) - EDGE_NOISE * noise, 0.0)
+    part = np.exp(-edge / EDGE_SCALE)
+    penalty = np.rint(SMALL_PENALTY + (LARGE_PENALTY - SMALL_PENALTY) * part)
+    return np.asarray(penalty, np.uint8)
+
+
 def _inlined(function: Function) -> Function:
     """Compile a function into its callers."""
     return cast(Function, njit(inline='always')(function))
 
 
 @_inlined
-def _step(before: Bytes, costs: Bytes, after: Bytes, floor: int) -> int:
+def _step(before: Bytes, costs: Bytes, after: Bytes, floor: int, large: int) -> int:
     """One step of a path; states have a guard of 255 at either end. Returns their minimum."""
     lanes = costs.size
     below, here, above = before[0:lanes], before[1 : 1 + lanes], before[2 : 2 + lanes]
     out = after[1 : 1 + lanes]
-    ceiling = uint8(floor + uint8(LARGE_PENALTY - SMALL_PENALTY))
+    ceiling = uint8(floor + uint8(large - uint8(SMALL_PENALTY)))
     for k in range(lanes):
         cheapest = min(below[k], above[k], ceiling)
         cheapest = min(here[k], uint8(cheapest + uint8(SMALL_PENALTY)))
@@ -80,12 +103,12 @@ def _add(total: Totals, state: Bytes) -> None:
 
 @kernel
 def _down(
-    before: Bytes, floors: Bytes, costs: Bytes, skip: int, after: Bytes, totals: Totals,
-    adding: bool,
+    before: Bytes, floors: Bytes, costs: Bytes, skip: int, large: Bytes, after: Bytes,
+    totals: Totals, adding: bool,
 ) -> None:  # fmt: skip
     """Advance the vertical paths of all columns by a row; ``costs`` begins ``skip`` before."""
     for x in range(before.shape[0]):
-        floors[x] = _step(before[x], costs[skip + x], after[x], floors[x])
+        floors[x] = _step(before[x], costs[skip + x], after[x], floors[x], large[x])
         if adding:
             _add(totals[x], after[x])
 
@@ -97,10 +120,24 @@ def _across(
 ) -> None:  # fmt: skip
     """Advance the horizontal paths of a few rows by a column; totals begin ``skip`` later."""
     for r in range(rows):
-        floors[r] = _step(before[r], costs[y + r, x], after[r], floors[r])
+        floors[r] = _step(before[r], costs[y + r, x], after[r], floors[r], LARGE_PENALTY)
     if skip <= x < skip + totals.shape[1]:
         for r in range(rows):
             _add(totals[y + r, x - skip], after[r])
+
+
+@kernel
+def _vertical_edges(image: Bytes, penalties: Bytes, large: Bytes) -> None:
+    """Large penalty between row y − 1 and row y of the core's columns."""
+    height, columns = image.shape[1], large.shape[1]
+    large[0] = large[height] = uint8(LARGE_PENALTY)
+    for y in range(1, height):
+        for x in range(columns):
+            edge = int32(0)
+            for c in range(3):
+                above = int32(image[c, y - 1, MARGIN_COLUMNS + x])
+                edge = max(edge, abs(int32(image[c, y, MARGIN_COLUMNS + x]) - above))
+            large[y, x] = penalties[edge]
 
 
 @kernel
@@ -171,7 +208,8 @@ def disagreement(best: Totals, right_best: Names, first: int, eyes: Bytes) -> No
 def match_tile(
     left: Bytes, right: Bytes, left_grey: Bytes, right_grey: Bytes, left_seen: Seen,
     right_seen: Seen, above: int, candidates: int, noise: int, cut: int, doubled: bool,
-    costs_memory: Bytes, totals_memory: Totals, best: Totals, margin: Totals, right_best: Names,
+    penalties: Bytes, costs_memory: Bytes, totals_memory: Totals, best: Totals, margin: Totals,
+    right_best: Names,
 ) -> None:  # fmt: skip
     """
     Match the core of a tile.
@@ -194,6 +232,8 @@ def match_tile(
         Margin of the census [grey levels].
     cut, doubled : int, bool
         See ``candidate_costs``.
+    penalties : ndarray of uint8, shape (256,)
+        See ``vertical_penalties``.
     costs_memory, totals_memory : ndarray of uint8, uint16, one-dimensional
         Working memory, at least rows·w·lanes and rows·columns·lanes of the core's rows and
         columns.
@@ -213,6 +253,8 @@ def match_tile(
     census(left_grey, noise, left_census)
     census(right_grey, noise, right_census)
     row_costs = np.empty((columns, lanes), np.uint8)
+    large = np.empty((height + 1, columns), np.uint8)
+    _vertical_edges(left, penalties, large)
     here = np.empty((columns, lanes + 2), np.uint8)
     there = np.empty((columns, lanes + 2), np.uint8)
     floors = np.zeros(columns, np.uint8)
@@ -223,7 +265,7 @@ def match_tile(
             left, right, left_census, right_census, left_seen, right_seen, y, MARGIN_COLUMNS,
             cut, doubled, FILLER_COST, candidates, row_costs,
         )  # fmt: skip
-        _down(here, floors, row_costs, 0, there, totals[0], False)
+        _down(here, floors, row_costs, 0, large[y], there, totals[0], False)
         here, there = there, here
     rightward = np.empty((2, ROWS_AT_ONCE, lanes + 2), np.uint8)
     leftward = np.empty((2, ROWS_AT_ONCE, lanes + 2), np.uint8)
@@ -252,7 +294,8 @@ def match_tile(
                 totals, MARGIN_COLUMNS,
             )  # fmt: skip
         for r in range(y, y + together):
-            _down(here, floors, costs[r], MARGIN_COLUMNS, there, totals[r], True)
+            entered = large[above + r]
+            _down(here, floors, costs[r], MARGIN_COLUMNS, entered, there, totals[r], True)
             here, there = there, here
     _clear(here)
     floors[:] = uint8(0)
@@ -261,10 +304,11 @@ def match_tile(
             left, right, left_census, right_census, left_seen, right_seen, y, MARGIN_COLUMNS,
             cut, doubled, FILLER_COST, candidates, row_costs,
         )  # fmt: skip
-        _down(here, floors, row_costs, 0, there, totals[0], False)
+        _down(here, floors, row_costs, 0, large[y + 1], there, totals[0], False)
         here, there = there, here
     seen = left_seen[MARGIN_COLUMNS : MARGIN_COLUMNS + columns]
     for r in range(rows - 1, -1, -1):
-        _down(here, floors, costs[r], MARGIN_COLUMNS, there, totals[r], True)
+        entered = large[above + r + 1]
+        _down(here, floors, costs[r], MARGIN_COLUMNS, entered, there, totals[r], True)
         here, there = there, here
         _winners(totals[r], candidates, seen, best[r], margin[r], right_best[r])

@@ -86,6 +86,28 @@ def test_a_plain_board_takes_its_depth_from_its_edges() -> None:
     assert wrong.mean() < 0.02
 
 
+def test_a_thin_horizontal_board_is_not_taken_for_what_is_behind_it() -> None:
+    # Two rows that hardly change along themselves, before a wall: a shelf's edge before books.
+    found, right = [], []
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        wall = texture(rng, ROWS, COLUMNS, wavelength=20.0)[:, ::32]
+        board = 60 + (texture(rng, ROWS, COLUMNS, wavelength=12.0)[0, : 100 * 32 : 32] - 128) / 4
+        left, other = np.roll(wall, -30, axis=1), wall.copy()
+        left[19:21, 90:190] = board
+        other[19:21, 110:210] = board
+        images = [
+            np.clip(np.rint(image + rng.normal(0, 1, image.shape)), 0, 255).astype(np.uint8)
+            for image in (left, other)
+        ]
+        raw = raw_match(*images).column_disparity[19:21, 90:190]
+        kept = matched(pair_of(*images, CANDIDATES)).column_disparity[19:21, 90:190]
+        found.append(np.mean(np.abs(raw - 20) <= 1))
+        right.append(np.mean(np.abs(kept - 20) <= 1))
+    assert np.mean(found) > 0.95
+    assert np.mean(right) > 0.95
+
+
 def test_what_only_one_eye_sees_is_not_matched() -> None:
     left, right, disparity, hidden = occluded_pair()
     found = matched(pair_of(left, right, CANDIDATES))
@@ -102,6 +124,32 @@ def test_confidence_is_a_probability_where_there_is_a_disparity() -> None:
     assert np.array_equal(matched_pixels, np.isfinite(found.confidence))
     assert found.confidence[matched_pixels].min() >= semiglobal.LEAST_CONFIDENCE
     assert found.confidence[matched_pixels].max() <= 1
+
+
+def test_agreement_in_colour_counts_seen_neighbours_of_like_colour_around_the_turn() -> None:
+    rng = np.random.default_rng(11)
+    rows, columns, side = 9, 40, confidence.ALIKE_COLUMNS
+    best = rng.integers(0, 4, (rows, columns)).astype(np.int16)
+    image = rng.integers(0, 40, (3, rows, columns)).astype(np.uint8)
+    seen = rng.random(columns) < 0.8
+    across = np.arange(-side, columns + side)
+    far = confidence.FAR
+    agreed = np.pad(best, ((far, far), (0, 0)), mode='edge').take(across, axis=1, mode='wrap')
+    found = np.empty((rows, columns), np.float32)
+    wrapped_seen = seen.take(across, mode='wrap')
+    confidence.agreement_in_colour(best, agreed, image, wrapped_seen, 0, rows, found)
+    for y, x in ((0, 0), (4, 39), (8, 20), (5, 3)):
+        votes, alike = 0, 1
+        for j in range(-confidence.ALIKE_ROWS, confidence.ALIKE_ROWS + 1):
+            for i in range(-side, side + 1, confidence.ALIKE_STRIDE):
+                row, column = min(max(y + j, 0), rows - 1), (x + i) % columns
+                difference = np.abs(image[:, row, column].astype(int) - image[:, y, x]).max()
+                if (j, i) == (0, 0) or not seen[column] or difference > confidence.ALIKE:
+                    continue
+                alike += 1
+                votes += abs(int(best[row, column]) - int(best[y, x])) <= 1
+        assert votes > 0
+        assert found[y, x] == pytest.approx(votes / alike)
 
 
 def test_unrelated_images_are_not_trusted() -> None:
@@ -266,6 +314,7 @@ def test_prepare_leaves_nothing_to_compile() -> None:
         refinement.smooth_columns,
         refinement.smooth_rows,
         confidence.agreement,
+        confidence.agreement_in_colour,
     ]
     compiled = [len(kernel.signatures) for kernel in kernels]
     assert min(compiled) == 1
