@@ -11,29 +11,45 @@ from panodepth_ros.matching import match
 
 
 def correlation_at(
-    left: npt.NDArray[np.uint8], right: npt.NDArray[np.uint8], y: int, x: int, dx: int
+    left: npt.NDArray[np.uint8],
+    right: npt.NDArray[np.uint8],
+    y: int,
+    x: int,
+    dx: int,
+    seen: npt.NDArray[np.bool_],
 ) -> float:
+    """ρ over the columns that both saw; NaN if these are fewer than five of nine."""
     rows, columns = left.shape
     window_rows = np.arange(max(y - 4, 0), min(y + 4, rows - 1) + 1)
-    offsets = np.arange(-4, 5)
-    a = left[np.ix_(window_rows, (x + offsets) % columns)].astype(float).ravel()
-    b = right[np.ix_(window_rows, (x + dx + offsets) % columns)].astype(float).ravel()
+    on_left = (x + np.arange(-4, 5)) % columns
+    on_right = (on_left + dx) % columns
+    both = seen[0, on_left] & seen[1, on_right]
+    if both.sum() < 5:
+        return np.nan
+    a = left[np.ix_(window_rows, on_left[both])].astype(float).ravel()
+    b = right[np.ix_(window_rows, on_right[both])].astype(float).ravel()
     return float(np.corrcoef(a, b)[0, 1])
 
 
+@pytest.mark.parametrize('gaps', [False, True])
 @pytest.mark.parametrize('method', ['sgbm', 'bm'])
-def test_confidence_is_the_correlation_of_the_match(method: str) -> None:
+def test_confidence_is_the_correlation_of_the_match(method: str, gaps: bool) -> None:
     rng = np.random.default_rng(1)
     columns = 200
     left, right = shifted_pair(
         texture(rng, 44, columns), np.full((44, columns), 11.3), noise=12.0, rng=rng
     )
-    result = match(*pair_of(left, right, 20), method=method)
+    seen = np.ones((2, columns), bool)
+    if gaps:
+        seen[0, [50, 51, 52, 54, 55]] = seen[0, 90:120] = False
+        seen[1, [20, 82, 84, 86, 88]] = False
+    pair = pair_of(left, right, 20, left_seen=seen[0], right_seen=seen[1])
+    result = match(*pair, method=method)
     matched = np.argwhere(np.isfinite(result.column_disparity))
     assert len(matched) > 1000
-    for y, x in matched[::37]:
+    for y, x in matched:
         dx = int(np.rint(result.column_disparity[y, x]))
-        expected = max(correlation_at(left, right, y, x, dx), 0)
+        expected = max(correlation_at(left, right, y, x, dx, seen), 0)
         assert result.confidence[y, x] == pytest.approx(expected, abs=2e-6)
 
 

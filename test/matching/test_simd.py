@@ -8,10 +8,12 @@ import numpy.typing as npt
 from panodepth_ros.matching.compiled import kernel
 from panodepth_ros.matching.simd import (
     LANES,
+    greater,
     largest,
     load,
     maximum,
     splat,
+    square_root,
     store,
     to_float,
     to_integer,
@@ -37,6 +39,25 @@ def test_integers_wrap_compare_and_mask() -> None:
     greatest = integers(a, b, out)
     np.testing.assert_array_equal(out, (np.maximum(a * b, a - b) & a[0]) | (a + b))
     assert greatest == a[LANES : 2 * LANES].max()
+
+
+@kernel
+def roots(
+    a: npt.NDArray[np.int32], b: npt.NDArray[np.int32], out: npt.NDArray[np.float32]
+) -> None:
+    for i in range(0, a.size, LANES):
+        x, y = load(a, i), load(b, i)
+        store(out, i, to_float(greater(x, y)) + to_float(x) / square_root(to_float(y)))
+
+
+def test_comparison_gives_one_or_zero_and_roots_are_rounded_correctly() -> None:
+    rng = np.random.default_rng(3)
+    a, b = rng.integers(1, 2**31, (2, 4 * LANES)).astype(np.int32)
+    b[:5] = a[:5]
+    out = np.zeros(a.size, np.float32)
+    roots(a, b, out)
+    quotient = a.astype(np.float32) / np.sqrt(b.astype(np.float32))
+    np.testing.assert_array_equal(out, (a > b).astype(np.float32) + quotient)
 
 
 @kernel
