@@ -155,7 +155,7 @@ def match(
     right: Panorama,
     *,
     further: Sequence[Panorama] = (),
-    method: str = 'ncc',
+    method: str = 'semiglobal',
     threads: int = 1,
 ) -> Correspondence:
     """

@@ -146,10 +146,9 @@ def test_image_without_texture_is_not_guessed(method: str) -> None:
 def test_colour_is_matched_as_grey() -> None:
     rng = np.random.default_rng(6)
     left, right = (rng.integers(0, 256, (12, 100, 3)).astype(np.uint8) for _ in range(2))
-    colour = match(*pair_of(left, right, 15))
-    grey = match(
-        *pair_of(*(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in (left, right)), 15)
-    )
+    greys = (cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in (left, right))
+    colour = match(*pair_of(left, right, 15), method='ncc')
+    grey = match(*pair_of(*greys, 15), method='ncc')
     np.testing.assert_array_equal(colour.column_disparity, grey.column_disparity)
 
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 from matching_scenes import noise_image, pair_of, shifted_pair, texture
 
-from panodepth_ros.matching import Correspondence, match
+from panodepth_ros.matching import Correspondence
+from panodepth_ros.matching import match as match_by
 from panodepth_ros.matching.correlation import tile_columns
+
+match = partial(match_by, method='ncc')
 
 HALF = 4
 
