@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import signal
 import sys
 from collections.abc import Callable
@@ -16,19 +17,40 @@ from rclpy.utilities import remove_ros_args
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    _ignore_signals()
-    raise KeyboardInterrupt
-
-
-def _ignore_signals() -> None:
+class _Interruption:
     """
-    Let the clean-up run undisturbed.
+    One KeyboardInterrupt for the first signal, none for those that follow.
 
-    Ctrl-C under ``ros2 launch`` reaches a node twice, by the terminal and by the launch process.
+    Ctrl-C under ``ros2 launch`` reaches a node twice, by the terminal and by the launch process;
+    the clean-up must run undisturbed.
     """
-    for number in _SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
+
+    def __init__(self) -> None:
+        self._over = False
+        for number in _SIGNALS:
+            signal.signal(number, self._handle)  # rclpy's own handlers call it, too
+
+    def _handle(self, _number: int, _frame: FrameType | None) -> None:
+        if not self._over:
+            self.end()
+            raise KeyboardInterrupt
+
+    def end(self) -> None:
+        """Let signals pass without effect from here on, rclpy's handlers included."""
+        self._over = True
+        for number in _SIGNALS:
+            ctypes.pythonapi.PyOS_setsig(number, ctypes.c_void_p(int(signal.SIG_IGN)))
+
+    def forget(self) -> None:
+        """
+        Let Python know that signals are ignored, which else ends its handlers before the process.
+
+        The system is told first: Python reports a signal with a traceback that comes while it
+        exchanges handlers itself.
+        """
+        self.end()  # rclpy has put the handlers back that it found
+        for number in _SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def _explain(name: str, word: str) -> int:
@@ -61,32 +83,53 @@ def run_node(name: str, make_node: Callable[[], Node], args: list[str] | None = 
     int
         The exit code; 2 for words that are no ROS arguments.
     """
-    node: Node | None = None
-    executor: SingleThreadedExecutor | None = None
+    interruption = _Interruption()
+    process = _Process(name, make_node)
+    code = 0
     try:
-        for number in _SIGNALS:
-            signal.signal(number, _interrupt)  # rclpy's own handlers call it, too
-        words = remove_ros_args(args=sys.argv if args is None else [name, *args])[1:]
-        if words:
-            return _explain(name, words[0])
-        rclpy.init(args=args)
-        executor = SingleThreadedExecutor()
-        node = make_node()
-        executor.add_node(node)
-        executor.spin()
+        try:
+            code = process.run(args)
+        finally:
+            interruption.end()
     except (KeyboardInterrupt, ExternalShutdownException):
-        return 0
-    except (OSError, RuntimeError, ValueError) as error:
-        if executor is not None and not rclpy.ok():  # interrupted while starting or stopping
-            return 0
-        get_logger(name).fatal(str(error))
-        return 1
+        pass
     finally:
-        _ignore_signals()
-        if executor is not None:
-            executor.shutdown()
-        if node is not None:
-            node.destroy_node()
+        process.close()
+        interruption.forget()
+    return code
+
+
+class _Process:
+    """A node, its executor and rclpy's context, as far as they came."""
+
+    def __init__(self, name: str, make_node: Callable[[], Node]) -> None:
+        self._name = name
+        self._make_node = make_node
+        self._executor: SingleThreadedExecutor | None = None
+        self._node: Node | None = None
+
+    def run(self, args: list[str] | None) -> int:
+        """Start and spin the node; return the exit code."""
+        try:
+            words = remove_ros_args(args=sys.argv if args is None else [self._name, *args])[1:]
+            if words:
+                return _explain(self._name, words[0])
+            rclpy.init(args=args)
+            self._executor = SingleThreadedExecutor()
+            self._node = self._make_node()
+            self._executor.add_node(self._node)
+            self._executor.spin()
+        except (OSError, RuntimeError, ValueError) as error:
+            if self._executor is not None and not rclpy.ok():  # interrupted while starting
+                return 0
+            get_logger(self._name).fatal(str(error))
+            return 1
+        return 0
+
+    def close(self) -> None:
+        """End what was started."""
+        if self._executor is not None:
+            self._executor.shutdown()
+        if self._node is not None:
+            self._node.destroy_node()
         rclpy.try_shutdown()
-        _ignore_signals()  # rclpy has put the handlers back that it found
-    return 0
