@@ -9,14 +9,14 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from sensor_msgs.msg import CameraInfo, Image, JointState
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
 from std_msgs.msg import Float32, Header
 from std_srvs.srv import Trigger
 
 from panodepth_ros.mosaic import ArmTrack, Assembler, Rig, Standstill, Sweep
 from panodepth_ros.mosaic.sweep import columns_per_turn
 from panodepth_ros.ros import qos
-from panodepth_ros.ros.images import to_bgr_or_mono, to_message
+from panodepth_ros.ros.images import decompressed, to_bgr_or_mono, to_message
 from panodepth_ros.ros.messages import panorama_info, pinhole_camera, to_nanoseconds, to_stamp
 from panodepth_ros.ros.parameters import declare_parameters, parameter
 from panodepth_ros.ros.process import run_node
@@ -33,6 +33,11 @@ class MosaicerParameters:
 
     lead: bool = parameter(
         True, "Lead the sweep by the arm's step service; false only listens, live or to a bag"
+    )
+    image_transport: str = parameter(
+        'raw',
+        'Take frames from image_raw, or from image_raw/compressed',
+        choices=('raw', 'compressed'),
     )
     arm_radius: float = parameter(
         0.30, 'Axis of rotation to optical centre', unit='m', bounds=(0.01, 10.0), live=True
@@ -151,7 +156,12 @@ class Mosaicer(Node):
             JointState, 'joint_states', self._on_joint_state, qos.JOINT_STATES
         )
         self.create_subscription(CameraInfo, 'camera_info', self._on_camera_info, qos.IMAGES)
-        self.create_subscription(Image, 'image_raw', self._on_image, qos.IMAGES)
+        if self._settings.image_transport == 'raw':
+            self.create_subscription(Image, 'image_raw', self._on_image, qos.IMAGES)
+        else:
+            self.create_subscription(
+                CompressedImage, 'image_raw/compressed', self._on_image, qos.IMAGES
+            )
         self.create_service(Trigger, '~/start', self._on_start)
         self.create_service(Trigger, '~/cancel', self._on_cancel)
         self.create_timer(_WATCH_PERIOD, self._advance)
@@ -184,12 +194,14 @@ class Mosaicer(Node):
             if under_way and self._assembler.sweep is None:
                 self._give_up('camera_info has changed')
 
-    def _on_image(self, message: Image) -> None:
+    def _on_image(self, message: Image | CompressedImage) -> None:
         if self._camera_fault and self._camera_fault != _NO_CAMERA:
             self._assembler.drops[f'frame: {self._camera_fault}'] += 1
             return
         try:
-            image = to_bgr_or_mono(message)
+            image = (
+                to_bgr_or_mono(message) if isinstance(message, Image) else decompressed(message)
+            )
         except ValueError as error:
             self._assembler.drops[f'frame: {error}'] += 1
             self.get_logger().warning(f'frame dropped: {error}', throttle_duration_sec=5.0)

@@ -1,5 +1,5 @@
 """
-Between ``sensor_msgs/Image`` and arrays, without cv_bridge.
+Between ``sensor_msgs/Image`` or ``CompressedImage`` and arrays, without cv_bridge.
 
 The encodings and their array types are those of ``sensor_msgs/image_encodings.hpp``. Reading
 needs no ROS: any object with the fields of the message will do, such as one out of a bag.
@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
-    from sensor_msgs.msg import Image
+    from sensor_msgs.msg import CompressedImage, Image
 
 AnyArray = npt.NDArray[Any]
 
@@ -213,6 +213,47 @@ def to_bgr_or_mono(message: Image) -> npt.NDArray[np.uint8]:
         )
     if meaning in _TO_BGR:
         pixels = cv2.cvtColor(pixels, _TO_BGR[meaning])
+    return _eight_bits(pixels)
+
+
+def _eight_bits(pixels: AnyArray) -> npt.NDArray[np.uint8]:
     if pixels.dtype == np.uint16:
         pixels = cv2.convertScaleAbs(pixels, alpha=255.0 / 65535.0)
     return pixels
+
+
+def decompressed(message: CompressedImage) -> npt.NDArray[np.uint8]:
+    """
+    Picture of a compressed image message as 8-bit colour or grey.
+
+    Parameters
+    ----------
+    message : sensor_msgs.msg.CompressedImage
+        JPEG, PNG or whatever else OpenCV decodes, in ``format`` as image_transport writes it
+        (``jpeg``; ``rgb8; jpeg compressed bgr8``) or empty: the data tell by themselves.
+
+    Returns
+    -------
+    ndarray of uint8, shape (H, W, 3) or (H, W)
+        Blue, green, red; or grey. Sixteen bits are scaled by 255/65535 and rounded.
+
+    Raises
+    ------
+    ValueError
+        If the message is a compressed depth image, or its data hold no picture.
+    """
+    if 'compressedDepth' in message.format:
+        raise ValueError(f'a compressed image of format {message.format!r} is no picture')
+    data = np.frombuffer(message.data, np.uint8)
+    try:
+        pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+    except cv2.error:  # such as more pixels than OpenCV is willing to hold
+        pixels = None
+    if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
+        raise ValueError(
+            f'compressed image of format {message.format!r} and {data.size} bytes '
+            'cannot be decoded'
+        )
+    if pixels.ndim == 3 and pixels.shape[2] == 4:
+        pixels = cv2.cvtColor(pixels, cv2.COLOR_BGRA2BGR)
+    return _eight_bits(pixels)

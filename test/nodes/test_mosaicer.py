@@ -187,6 +187,35 @@ def test_listening_gives_the_same_panoramas_as_leading(ros):
     assert heard[0] == ours
 
 
+def test_compressed_frames_give_the_same_panoramas(ros):
+    raw = Bench(ros).ready()
+    topics = ('image_raw/compressed', 'camera_info', 'joint_states')
+    remappings = [word for topic in topics for word in ('-r', f'{topic}:=/{topic}')]
+    ros.add(
+        Mosaicer(
+            context=ros.context,
+            namespace='compressed',
+            parameter_overrides=parameters(lead=False, image_transport='compressed'),
+            cli_args=['--ros-args', *remappings],
+        )
+    )
+    heard = []
+    raw.listener.create_subscription(Image, 'compressed/left/image', heard.append, 10)
+    ros.spin_until(
+        lambda: (
+            raw.listener.count_publishers('compressed/left/image')
+            and all(raw.rig.count_subscribers(topic) for topic in topics)
+            and raw.rig.count_subscribers('joint_states') == 2
+        ),
+        'the mosaicer of compressed frames',
+    )
+    assert raw.rig.count_subscribers('image_raw') == 1, 'raw frames cross the network, too'
+    raw.start()
+    ours = raw.sweeps()['left/image']
+    ros.spin_until(lambda: heard, 'the panorama of compressed frames')
+    assert heard[0] == ours
+
+
 def test_second_sweep_follows_the_first(bench):
     bench.start()
     bench.sweeps()

@@ -12,7 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from panodepth_ros.ros.images import pixel_layout, to_array, to_bgr_or_mono, to_message
+from panodepth_ros.ros.images import (
+    decompressed,
+    pixel_layout,
+    to_array,
+    to_bgr_or_mono,
+    to_message,
+)
 
 # name -> (struct code of one value, values per pixel): sensor_msgs/image_encodings.hpp
 NAMED = {
@@ -296,3 +302,68 @@ def test_opencv_takes_every_view(tmp_path: Any) -> None:
     message, expected = encoded('bgr8', width=5, height=4, padding=1)
     assert cv2.imwrite(str(tmp_path / 'view.png'), to_array(message))
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / 'view.png')), expected)
+
+
+@dataclasses.dataclass
+class Compressed:
+    """Fields of sensor_msgs/CompressedImage."""
+
+    format: str
+    data: bytes
+
+
+def picture(*channels: int, kind: type = np.uint8) -> Any:
+    ramp = np.arange(16 * 12 * int(np.prod(channels or (1,)))) % 251
+    return ramp.reshape(12, 16, *channels).astype(kind)
+
+
+def file_of(suffix: str, pixels: Any) -> bytes:
+    done, data = cv2.imencode(suffix, pixels)
+    assert done
+    return bytes(data)
+
+
+@pytest.mark.parametrize('format', ['png', 'rgb8; png compressed bgr8', ''])
+def test_png_gives_its_pixels_back(format: str) -> None:
+    message = Compressed(format, file_of('.png', picture(3)))
+    np.testing.assert_array_equal(decompressed(message), picture(3))
+
+
+def test_grey_transparent_and_deep_pngs() -> None:
+    np.testing.assert_array_equal(
+        decompressed(Compressed('mono8; png compressed ', file_of('.png', picture()))), picture()
+    )
+    np.testing.assert_array_equal(
+        decompressed(Compressed('png', file_of('.png', picture(4)))), picture(4)[:, :, :3]
+    )
+    deep = picture(kind=np.uint16) * 257
+    np.testing.assert_array_equal(
+        decompressed(Compressed('png', file_of('.png', deep))), picture()
+    )
+
+
+def test_jpeg_is_blue_green_red() -> None:
+    blue = np.zeros((16, 16, 3), np.uint8)
+    blue[:, :, 0] = 200
+    pixels = decompressed(Compressed('bgr8; jpeg compressed bgr8', file_of('.jpg', blue)))
+    assert np.abs(pixels.astype(int) - blue).max() <= 3
+
+
+@pytest.mark.parametrize(
+    ('format', 'data', 'sentence'),
+    [
+        ('jpeg', b'', "format 'jpeg' and 0 bytes cannot be decoded"),
+        ('jpeg', b'no picture at all', "format 'jpeg' and 17 bytes cannot be decoded"),
+        ('16UC1; compressedDepth png', b'', "'16UC1; compressedDepth png' is no picture"),
+    ],
+)
+def test_what_is_no_compressed_picture_is_refused(format: str, data: bytes, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        decompressed(Compressed(format, data))
+
+
+def test_compressed_picture_with_more_pixels_than_opencv_holds_is_refused() -> None:
+    png = bytearray(file_of('.png', picture()))
+    png[16:24] = struct.pack('>II', 2**20, 2**20)  # the size in IHDR
+    with pytest.raises(ValueError, match='cannot be decoded'):
+        decompressed(Compressed('png', bytes(png)))
