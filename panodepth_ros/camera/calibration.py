@@ -7,6 +7,8 @@ No ROS here; the camera node makes the message.
 from __future__ import annotations
 
 import math
+import os
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -262,6 +264,38 @@ def write_calibration(calibration: Calibration, path: Path) -> None:
         *_lines('projection_matrix', 3, calibration.projection_matrix),
     ]
     path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+
+
+def store_calibration(calibration: Calibration, path: Path | None) -> Calibration:
+    """
+    Check a calibration by writing and reading it, then put it at its place in one move.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        As it came from outside.
+    path : Path or None
+        File to replace, in an existing folder; None only checks.
+
+    Returns
+    -------
+    Calibration
+        As it was read back.
+
+    Raises
+    ------
+    CalibrationError
+        As :func:`read_calibration`.
+    OSError
+        If the file cannot be written.
+    """
+    with tempfile.TemporaryDirectory(dir=path.parent if path is not None else None) as folder:
+        draft = Path(folder, path.name if path is not None else 'proposed.yaml')
+        write_calibration(calibration, draft)
+        checked = read_calibration(draft)
+        if path is not None:
+            os.replace(draft, path)
+    return checked
 
 
 def _lines(field: str, rows: int, numbers: tuple[float, ...]) -> list[str]:

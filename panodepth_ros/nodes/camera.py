@@ -15,12 +15,14 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.srv import SetCameraInfo
 
 from panodepth_ros.camera.calibration import (
     Calibration,
     CalibrationError,
     calibration_path,
     read_calibration,
+    store_calibration,
 )
 from panodepth_ros.camera.capture import PIXEL_FORMATS, StreamSource, V4l2Source, VideoFileSource
 from panodepth_ros.camera.images import ImageSequenceSource
@@ -146,6 +148,7 @@ class CameraNode(Node):
             self._diagnostics_publisher = self.create_publisher(
                 DiagnosticArray, '/diagnostics', 10
             )
+            self.create_service(SetCameraInfo, '~/set_camera_info', self._on_set_camera_info)
             self.create_timer(1.0, self._publish_diagnostics)
             self._over = self.create_guard_condition(self._on_over)
             self.get_logger().info(
@@ -248,15 +251,32 @@ class CameraNode(Node):
                 f'{calibration.image_width} by {calibration.image_height} pixels; '
                 f'{source.name} gives {width} by {height}'
             )
-        return CameraInfo(
-            width=width,
-            height=height,
-            distortion_model=calibration.distortion_model,
-            d=list(calibration.distortion_coefficients),
-            k=calibration.camera_matrix,
-            r=calibration.rectification_matrix,
-            p=calibration.projection_matrix,
-        )
+        return _to_camera_info(calibration)
+
+    def _on_set_camera_info(
+        self, request: SetCameraInfo.Request, response: SetCameraInfo.Response
+    ) -> SetCameraInfo.Response:
+        """Use a calibration from the next frame on, and keep it where camera_info_url says."""
+        url, name = self._settings.camera_info_url, self._settings.camera_name
+        proposed, present = request.camera_info, self._camera_info
+        try:
+            if (proposed.width, proposed.height) != (present.width, present.height):
+                raise CalibrationError(
+                    f'calibration is of {proposed.width} by {proposed.height} pixels; allowed: '
+                    f'{present.width} by {present.height}, the size of the frames'
+                )
+            path = calibration_path(url) if url else None
+            calibration = store_calibration(_to_calibration(proposed, name), path)
+        except (CalibrationError, OSError) as error:
+            response.status_message = f'calibration refused: {error}'
+            self.get_logger().error(response.status_message)
+            return response
+        self._camera_info = _to_camera_info(calibration)
+        response.success = True
+        kept = f'stored at {url}' if url else 'not stored, for camera_info_url is empty'
+        response.status_message = f'calibration in use, {kept}'
+        self.get_logger().info(response.status_message)
+        return response
 
     def _begin(self) -> None:
         self._worker = threading.Thread(target=self._work, name='camera')
@@ -326,10 +346,11 @@ class CameraNode(Node):
         frame_id = self._settings.frame_id
         encoding = 'mono8' if frame.image.ndim == 2 else 'bgr8'
         image = to_message(frame.image, encoding, stamp=stamp, frame_id=frame_id)
-        self._camera_info.header.stamp = stamp
-        self._camera_info.header.frame_id = frame_id
+        info = self._camera_info  # the service may replace it
+        info.header.stamp = stamp
+        info.header.frame_id = frame_id
         self._image_publisher.publish(image)
-        self._info_publisher.publish(self._camera_info)
+        self._info_publisher.publish(info)
         self._frames += 1
 
     # --- executor's thread --------------------------------------------------------------------
@@ -368,6 +389,31 @@ class CameraNode(Node):
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics_publisher.publish(message)
+
+
+def _to_camera_info(calibration: Calibration) -> CameraInfo:
+    return CameraInfo(
+        width=calibration.image_width,
+        height=calibration.image_height,
+        distortion_model=calibration.distortion_model,
+        d=list(calibration.distortion_coefficients),
+        k=calibration.camera_matrix,
+        r=calibration.rectification_matrix,
+        p=calibration.projection_matrix,
+    )
+
+
+def _to_calibration(info: CameraInfo, camera_name: str) -> Calibration:
+    return Calibration(
+        image_width=info.width,
+        image_height=info.height,
+        camera_name=camera_name,
+        camera_matrix=tuple(map(float, info.k)),
+        distortion_model=info.distortion_model,
+        distortion_coefficients=tuple(map(float, info.d)),
+        rectification_matrix=tuple(map(float, info.r)),
+        projection_matrix=tuple(map(float, info.p)),
+    )
 
 
 def main(args: list[str] | None = None) -> int:

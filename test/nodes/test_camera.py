@@ -17,9 +17,15 @@ from fixtures.ros import program, started
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.srv import SetCameraInfo
 
 from panodepth_ros.arm.truth import Piece, TruthWriter
-from panodepth_ros.camera.calibration import Calibration, CalibrationError, write_calibration
+from panodepth_ros.camera.calibration import (
+    Calibration,
+    CalibrationError,
+    read_calibration,
+    write_calibration,
+)
 from panodepth_ros.camera.simulated import RoomCamera, furnished_room
 from panodepth_ros.camera.simulated import source as simulated_module
 from panodepth_ros.camera.source import SourceError, SourceLostError
@@ -312,6 +318,101 @@ def test_a_calibration_of_another_size_is_refused(ros, images, calibration):
 def test_images_of_another_size_are_refused(ros, images):
     sentence = refused(ros, SourceError, source='images', video_device=str(images))
     assert 'gives frames of 8 by 6 pixels; image_width and image_height ask for 640' in sentence
+
+
+# --- set_camera_info --------------------------------------------------------------------------
+
+
+def proposal(**changes):
+    info = CameraInfo(width=40, height=30, distortion_model='plumb_bob')
+    info.k = [50.0, 0.0, 19.0, 0.0, 51.0, 14.0, 0.0, 0.0, 1.0]
+    info.d = [-0.1, 0.01, 0.0, 0.0, 0.0]
+    info.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    info.p = [50.0, 0.0, 19.0, 0.0, 0.0, 51.0, 14.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    for name, value in changes.items():
+        setattr(info, name, value)
+    return info
+
+
+def set_camera_info(ros, info):
+    client = ros.node('calibrator').create_client(SetCameraInfo, 'camera/set_camera_info')
+    ros.spin_until(client.service_is_ready, 'the service')
+    return ros.result(client.call_async(SetCameraInfo.Request(camera_info=info)))
+
+
+def test_a_new_calibration_is_used_and_stored(ros, tmp_path, truth):
+    path = tmp_path / 'lens.yaml'
+    first = Calibration.of_pinhole(
+        image_width=40, image_height=30, fx=60.0, fy=60.0, cx=19.5, cy=14.5, camera_name='mine'
+    )
+    write_calibration(first, path)
+    viewer = Viewer(ros)
+    url = f'file://{path}'
+    ros.add(make_camera(ros, **simulated(tmp_path, camera_info_url=url, camera_name='mine')))
+    viewer.wait_for(1)
+    assert viewer.infos[0].k[0] == 60.0
+    answer = set_camera_info(ros, proposal())
+    assert answer.success
+    assert answer.status_message == f'calibration in use, stored at {url}'
+    ros.spin_until(lambda: viewer.infos[-1].k[0] == 50.0, 'the new calibration')
+    assert viewer.infos[-1].d.tolist() == [-0.1, 0.01, 0.0, 0.0, 0.0]
+    stored = read_calibration(path)
+    assert (stored.camera_name, stored.camera_matrix[4]) == ('mine', 51.0)
+    assert [file.name for file in tmp_path.iterdir() if file.name.startswith('tmp')] == []
+
+
+def test_a_new_calibration_without_a_file_says_that_it_will_be_lost(ros, tmp_path, truth):
+    viewer = Viewer(ros)
+    ros.add(make_camera(ros, **simulated(tmp_path)))
+    answer = set_camera_info(ros, proposal())
+    assert answer.success
+    assert 'not stored, for camera_info_url is empty' in answer.status_message
+    ros.spin_until(lambda: viewer.infos and viewer.infos[-1].k[0] == 50.0, 'the calibration')
+
+
+@pytest.mark.parametrize(
+    ('changes', 'sentence'),
+    [
+        ({'width': 80}, 'is of 80 by 30 pixels; allowed: 40 by 30'),
+        ({'distortion_model': 'fisheye'}, "distortion_model is 'fisheye'; allowed: plumb_bob"),
+        ({'d': [0.0, math.nan, 0.0, 0.0, 0.0]}, 'allowed: finite numbers'),
+        ({'k': [0.0] * 9}, 'allowed: focal lengths above 0'),
+    ],
+)
+def test_a_bad_calibration_is_refused_and_the_old_one_stays(
+    ros, tmp_path, truth, changes, sentence
+):
+    path = tmp_path / 'lens.yaml'
+    camera = make_camera(ros, **simulated(tmp_path))
+    viewer = Viewer(ros)
+    ros.add(camera)
+    answer = set_camera_info(ros, proposal(**changes))
+    assert not answer.success
+    assert sentence in answer.status_message
+    viewer.wait_for(2)
+    assert viewer.infos[-1].k[0] == viewer.infos[0].k[0] > 60.0
+    assert not path.exists()
+
+
+def test_a_calibration_that_cannot_be_stored_is_not_used(ros, tmp_path, truth):
+    folder = tmp_path / 'calibrations'
+    folder.mkdir()
+    path = folder / 'lens.yaml'
+    write_calibration(
+        Calibration.of_pinhole(
+            image_width=40, image_height=30, fx=60.0, fy=60.0, cx=19.5, cy=14.5, camera_name=''
+        ),
+        path,
+    )
+    viewer = Viewer(ros)
+    ros.add(make_camera(ros, **simulated(tmp_path, camera_info_url=f'file://{path}')))
+    path.unlink()
+    folder.rmdir()
+    answer = set_camera_info(ros, proposal())
+    assert not answer.success
+    assert 'No such file or directory' in answer.status_message
+    viewer.wait_for(2)
+    assert viewer.infos[-1].k[0] == 60.0
 
 
 # --- faults while running ---------------------------------------------------------------------
