@@ -9,7 +9,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -36,6 +35,7 @@ from panodepth_ros.camera.source import (
     SourceLostError,
 )
 from panodepth_ros.ros import qos
+from panodepth_ros.ros.diagnostics import ERROR, OK, WARN, Report, publish_diagnostics
 from panodepth_ros.ros.images import to_message
 from panodepth_ros.ros.parameters import declare_parameters, parameter
 from panodepth_ros.ros.process import run_node
@@ -145,11 +145,8 @@ class CameraNode(Node):
             self._camera_info = self._checked_camera_info(calibration, source)
             self._image_publisher = self.create_publisher(Image, 'image_raw', qos.IMAGES)
             self._info_publisher = self.create_publisher(CameraInfo, 'camera_info', qos.IMAGES)
-            self._diagnostics_publisher = self.create_publisher(
-                DiagnosticArray, '/diagnostics', 10
-            )
             self.create_service(SetCameraInfo, '~/set_camera_info', self._on_set_camera_info)
-            self.create_timer(1.0, self._publish_diagnostics)
+            publish_diagnostics(self, 'frames', self._diagnose)
             self._over = self.create_guard_condition(self._on_over)
             self.get_logger().info(
                 f'{source.name} delivers {source.size[0]} by {source.size[1]} pixels'
@@ -364,31 +361,29 @@ class CameraNode(Node):
             publisher.wait_for_all_acked(Duration(seconds=_DELIVERY_TIMEOUT))
         self.context.try_shutdown()
 
-    def _publish_diagnostics(self) -> None:
+    def _diagnose(self) -> Report:
         frames, now = self._frames, time.monotonic()
         before, since = self._counted
         self._counted = (frames, now)
         rate = (frames - before) / (now - since)
         source, wanted = self._source, self._settings.framerate
-        if self._trouble:
-            level, summary = DiagnosticStatus.ERROR, self._trouble
-        elif frames and rate < _SLOW * wanted:
-            level, summary = DiagnosticStatus.WARN, f'{rate:.1f} Hz instead of {wanted:g} Hz'
-        else:
-            level, summary = DiagnosticStatus.OK, f'{rate:.1f} Hz'
-        status = DiagnosticStatus(level=level, name='camera: frames', message=summary)
-        status.hardware_id = source.name if source else self._settings.video_device
         size = source.size if source else self._settings.size
-        status.values = [
-            KeyValue(key='rate_hz', value=f'{rate:.2f}'),
-            KeyValue(key='frames', value=str(frames)),
-            KeyValue(key='skipped', value=str(source.skipped if source else 0)),
-            KeyValue(key='size', value=f'{size[0]}x{size[1]}'),
-            KeyValue(key='last_error', value=self._trouble),
-        ]
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics_publisher.publish(message)
+        if self._trouble:
+            level, summary = ERROR, self._trouble
+        elif frames and rate < _SLOW * wanted:
+            level, summary = WARN, f'{rate:.1f} Hz instead of {wanted:g} Hz'
+        else:
+            level, summary = OK, f'{rate:.1f} Hz'
+        values: dict[str, object] = {
+            'rate_hz': f'{rate:.2f}',
+            'frames': frames,
+            'skipped': source.skipped if source else 0,
+            'size': f'{size[0]}x{size[1]}',
+            'last_error': self._trouble,
+        }
+        return Report(
+            level, summary, values, source.name if source else self._settings.video_device
+        )
 
 
 def _to_camera_info(calibration: Calibration) -> CameraInfo:

@@ -17,6 +17,7 @@ from std_msgs.msg import Header
 from panodepth_ros.geometry import Panorama, check_pair, triangulate
 from panodepth_ros.matching import METHODS, match, prepare
 from panodepth_ros.ros import qos
+from panodepth_ros.ros.diagnostics import ERROR, OK, Report, publish_diagnostics
 from panodepth_ros.ros.images import to_bgr_or_mono, to_message
 from panodepth_ros.ros.messages import laser_scan, panorama_geometry
 from panodepth_ros.ros.parameters import declare_parameters, parameter
@@ -104,6 +105,8 @@ class Depth(Node):
             CameraInfo, 'depth/camera_info', qos.PANORAMAS
         )
         self._scan_publisher = self.create_publisher(LaserScan, 'scan', qos.SCAN)
+        self._outcome = Report(OK, 'no panoramas received yet')
+        publish_diagnostics(self, 'matching', lambda: self._outcome)
         self._work: queue.SimpleQueue[dict[Any, Any] | None] = queue.SimpleQueue()
         # A daemon, so that a signal between here and the first spin cannot leave it behind.
         worker = threading.Thread(target=self._match_all, name='matching', daemon=True)
@@ -134,6 +137,7 @@ class Depth(Node):
             try:
                 self._match(messages, self._settings)
             except ValueError as error:
+                self._outcome = Report(ERROR, f'panoramas refused: {error}')
                 self.get_logger().error(f'panoramas refused, nothing is published: {error}')
 
     def _match(self, messages: dict[Any, Any], parameters: DepthParameters) -> None:
@@ -159,11 +163,13 @@ class Depth(Node):
         self._confidence_publisher.publish(_image(matched.confidence, header))
         duration = left.geometry.sweep_duration
         self._scan_publisher.publish(laser_scan(ranges, settings, header, duration))
-        self.get_logger().info(
+        summary = (
             f'{np.isfinite(depth).mean():.0%} of the pixels and '
             f'{np.isfinite(ranges).mean():.0%} of the beams hold a distance; '
             f'took {time.monotonic() - start:.2f} s'
         )
+        self._outcome = Report(OK, summary)
+        self.get_logger().info(summary)
 
     def destroy_node(self) -> None:
         """Finish the pair being matched, end the thread, destroy the node; may run twice."""

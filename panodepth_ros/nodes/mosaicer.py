@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 from panodepth_ros.mosaic import ArmTrack, Assembler, Rig, Standstill, Sweep
 from panodepth_ros.mosaic.sweep import columns_per_turn
 from panodepth_ros.ros import qos
+from panodepth_ros.ros.diagnostics import ERROR, OK, WARN, Report, publish_diagnostics
 from panodepth_ros.ros.images import decompressed, to_bgr_or_mono, to_message
 from panodepth_ros.ros.messages import panorama_info, pinhole_camera, to_nanoseconds, to_stamp
 from panodepth_ros.ros.parameters import declare_parameters, parameter
@@ -141,6 +142,7 @@ class Mosaicer(Node):
         self._lead: _Lead | None = None
         self._camera_fault = _NO_CAMERA
         self._reported = -1.0
+        self._last_end = 'none yet'
         self._image_publishers: dict[str, Publisher] = {}
         self._info_publishers: dict[str, Publisher] = {}
         for name in PANORAMAS:
@@ -165,6 +167,7 @@ class Mosaicer(Node):
         self.create_service(Trigger, '~/start', self._on_start)
         self.create_service(Trigger, '~/cancel', self._on_cancel)
         self.create_timer(_WATCH_PERIOD, self._advance)
+        publish_diagnostics(self, 'sweep', self._diagnose)
         self.get_logger().info(
             'ready; sweeps begin with ~/start' if self._settings.lead else 'ready; listening'
         )
@@ -270,7 +273,7 @@ class Mosaicer(Node):
             return
         waited = time.monotonic() - lead.waiting_since
         standstill = self._assembler.track.current
-        if lead.step is not None or standstill is None or standstill.start <= lead.after:
+        if self._moving(lead, standstill) or standstill is None:
             if waited > self._settings.step_timeout:
                 self._give_up(
                     f'the arm did not take a step and report standing still within '
@@ -292,6 +295,11 @@ class Mosaicer(Node):
         elif lead.steps < self._assembler.rig.sweep_columns:
             lead.azimuth = standstill.azimuth
             self._request_step(lead)
+
+    @staticmethod
+    def _moving(lead: _Lead, standstill: Standstill | None) -> bool:
+        """Whether the arm still has to answer, or to be seen standing after its step."""
+        return lead.step is not None or standstill is None or standstill.start <= lead.after
 
     def _most_dropped(self) -> str:
         reasons = self._assembler.drops.most_common(1)
@@ -323,8 +331,44 @@ class Mosaicer(Node):
         self._lead = None
         self._assembler.restart((self._assembler.track.newest or 0) + 1)
         self._publish_progress(math.nan)
+        self._last_end = f'given up: {reason}'
         self.get_logger().error(f'sweep given up, nothing is published: {reason}')
         self._report_drops()
+
+    def _diagnose(self) -> Report:
+        """Say in words what the sweep does or waits for."""
+        level, text = self._waits_for()
+        sweep = self._assembler.sweep
+        values: dict[str, object] = {
+            'columns': int(sweep.seen.sum()) if sweep is not None else 0,
+            'sweep_columns': self._assembler.rig.sweep_columns,
+            'last_end': self._last_end,
+        }
+        values |= {f'dropped, {why}': count for why, count in self._assembler.drops.items()}
+        return Report(level, text, values)
+
+    def _waits_for(self) -> tuple[bytes, str]:
+        sweep, track = self._assembler.sweep, self._assembler.track
+        if self._camera_fault:
+            return (WARN if self._camera_fault == _NO_CAMERA else ERROR), self._camera_fault
+        if track.newest is None:
+            return WARN, f'no joint state of {self._settings.joint_name} received yet'
+        if self._lead is not None:
+            return self._leading_waits_for(self._lead)
+        if sweep is not None:
+            seen = int(sweep.seen.sum())
+            return OK, f'{seen} of {sweep.rig.sweep_columns} columns, as frames come'
+        return OK, 'ready' if self._settings.lead else 'listening'
+
+    def _leading_waits_for(self, lead: _Lead) -> tuple[bytes, str]:
+        waited = time.monotonic() - lead.waiting_since
+        moving = self._moving(lead, self._assembler.track.current)
+        patience = self._settings.step_timeout if moving else self._settings.frame_timeout
+        return (
+            WARN if waited > patience else OK,
+            f'column {lead.steps} of {self._assembler.rig.sweep_columns}: '
+            f'waiting for {"the arm" if moving else "a frame"} for {waited:.1f} s',
+        )
 
     # --- results ------------------------------------------------------------------------------
 
@@ -349,7 +393,8 @@ class Mosaicer(Node):
                 f'{math.degrees(last):.1f}° of arm azimuth; they are unknown'
             )
         duration = panoramas['left'].geometry.sweep_duration
-        self.get_logger().info(f'sweep of {sweep.seen.sum()} columns done in {duration:.1f} s')
+        self._last_end = f'sweep of {sweep.seen.sum()} columns done in {duration:.1f} s'
+        self.get_logger().info(self._last_end)
         self._report_drops()
 
     def _report_drops(self) -> None:

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from fixtures.diagnostics import Diagnosis
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, LaserScan
@@ -224,6 +226,19 @@ def test_bad_pair_is_refused_and_the_next_good_one_served(ros, capfd, topic, mak
     assert [m.header.stamp.sec for m in bench.got['scan']] == [2]
     assert got['depth/image'].header.stamp.sec == 2
     assert sentence in capfd.readouterr().err
+
+
+def test_diagnostics_tell_what_came_of_the_panoramas(ros):
+    diagnosis = Diagnosis(ros, 'depth: matching')
+    bench = Bench(ros)
+    diagnosis.says(DiagnosticStatus.OK, 'no panoramas received yet')
+    bench.send(
+        stamp=1,
+        **{'right/camera_info': panorama_info(geometry(-PHI), Header(stamp=to_stamp(10**9)))},
+    )
+    diagnosis.says(DiagnosticStatus.ERROR, 'panoramas refused: principal_angle')
+    bench.send(stamp=2)
+    diagnosis.says(DiagnosticStatus.OK, '100% of the pixels and 50% of the beams hold a distance')
 
 
 def test_messages_of_different_stamps_are_not_mixed(ros):

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from fixtures.diagnostics import Diagnosis
 from fixtures.rig import HEIGHT, MessageRig
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -214,6 +216,28 @@ def test_compressed_frames_give_the_same_panoramas(ros):
     ours = raw.sweeps()['left/image']
     ros.spin_until(lambda: heard, 'the panorama of compressed frames')
     assert heard[0] == ours
+
+
+def test_diagnostics_say_what_the_sweep_waits_for(ros):
+    diagnosis = Diagnosis(ros, 'mosaicer: sweep')
+    bench = Bench(ros, frame_timeout=0.1)
+    diagnosis.says(DiagnosticStatus.WARN, 'no camera_info received yet')
+    bench.ready()
+    assert diagnosis.says(DiagnosticStatus.OK, 'ready')['last_end'] == 'none yet'
+    bench.rig.frames = False
+    bench.start()
+    values = diagnosis.says(DiagnosticStatus.WARN, 'column 1 of 60: waiting for a frame for')
+    assert (values['columns'], values['sweep_columns']) == ('0', '60')
+    assert bench.call('cancel').success
+    diagnosis.told.clear()
+    assert diagnosis.says(DiagnosticStatus.OK, 'ready')['last_end'] == 'given up: cancelled'
+
+
+def test_diagnostics_name_an_unusable_camera(ros):
+    diagnosis = Diagnosis(ros, 'mosaicer: sweep')
+    bench = Bench(ros)
+    bench.rig.camera_info(focal_length=0.0)
+    diagnosis.says(DiagnosticStatus.ERROR, 'fx is 0.0')
 
 
 def test_second_sweep_follows_the_first(bench):
