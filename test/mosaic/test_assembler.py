@@ -215,3 +215,22 @@ def test_frame_of_a_standstill_is_known_before_and_after_it_is_placed():
     play(built, events[-1:])
     assert built.has_frame_of(standstill)
     assert built.sweep is not None
+
+
+def test_frames_that_a_driver_held_back_reach_no_column():
+    """A driver's queue of four hands out frames exposed long before the arm came to stand."""
+    events, queue = [], []
+    for stamp, kind, value, velocity in recording(frames_per_stop=1):
+        if kind == 'joint':
+            events.append((stamp, kind, value, velocity))
+        else:
+            queue.append((stamp, kind, value, velocity))
+            events += [queue.pop(0)] if len(queue) > 4 else []
+    built = assembler()
+    assert play(built, events) == [], 'the last columns are still in the queue'
+    (sweep,) = play(built, queue)
+    assert sweep.complete
+    shown = sweep.panoramas()['center'].image
+    assert not (shown == 255).any(), 'a frame exposed while the arm moved became a column'
+    np.testing.assert_array_equal(np.sort(shown[0]), np.arange(1, COLUMNS + 1))
+    assert built.drops == {'frame: arm moved': COLUMNS}
