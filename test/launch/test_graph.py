@@ -1,14 +1,18 @@
 """The whole graph as processes: a turn of the simulated rig, and its replay."""
 
 import json
+import os
+import re
+import shlex
 import signal
+import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import yaml
-from fixtures.ros import started
+from fixtures.ros import Program, started
 from std_srvs.srv import Trigger
 
 from panodepth_ros.bag import read
@@ -92,6 +96,35 @@ def test_replay_gives_the_same_values(ros, demo, tmp_path):
 
 def _stamp(message):
     return message.header.stamp.sec, message.header.stamp.nanosec, message.header.frame_id
+
+
+def test_tutorial_of_replaying_works_as_written(ros, demo, tmp_path, monkeypatch):
+    output, parameters, _ = demo
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('PATH', f'{Path(sys.executable).parent}{os.pathsep}{os.environ["PATH"]}')
+    (tmp_path / 'demo_output').symlink_to(output)
+    tutorial = (ROOT / 'docs' / 'tutorials' / 'replay_a_bag.md').read_text()
+    commands = re.findall(r'^ *\$ (.*)$', tutorial, re.MULTILINE)
+    assert len(commands) == 4
+    background = []
+    try:
+        for command in commands:
+            words = shlex.split(command.removesuffix(' &'))
+            if words[0] == 'mosaicer':
+                words += ['--params-file', str(parameters)]  # the coarse columns
+            if command.endswith(' &'):
+                log = tmp_path / f'log_{len(background)}'
+                log.mkdir()
+                background.append(Program(words, str(log)))
+            else:
+                with started(*words) as one:
+                    assert one.wait(200) == 0
+        background[1].wait_for_output('beams hold a distance')
+    finally:
+        codes = [program.stop() for program in background]
+    assert codes == [0, 0, 0]
+    scans = [message for topic, _, message in read(tmp_path / 'replayed') if topic == '/scan']
+    assert [len(scan.ranges) for scan in scans] == [360]
 
 
 def test_demo_without_a_parameter_file_says_so(tmp_path):
