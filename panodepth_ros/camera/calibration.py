@@ -72,15 +72,17 @@ class Calibration:
         cx: float,
         cy: float,
         camera_name: str,
+        distortion_model: str = 'plumb_bob',
+        distortion: tuple[float, ...] = (0.0,) * 5,
     ) -> Calibration:
-        """Calibration of an ideal pinhole camera without distortion."""
+        """Calibration of a pinhole camera with its lens distortion, by default none."""
         return cls(
             image_width=image_width,
             image_height=image_height,
             camera_name=camera_name,
             camera_matrix=(fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),
-            distortion_model='plumb_bob',
-            distortion_coefficients=(0.0,) * 5,
+            distortion_model=distortion_model,
+            distortion_coefficients=distortion,
             rectification_matrix=_IDENTITY,
             projection_matrix=(fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0),
         )

@@ -1,10 +1,13 @@
-"""The geometry of the rig: equations, camera, panoramas, triangulation of a pair."""
+"""The geometry of the rig: equations, mounted camera, panoramas, triangulation of a pair."""
 
 from panodepth_ros.geometry.camera import PinholeCamera
+from panodepth_ros.geometry.mounting import ALIGNED, Mounting
 from panodepth_ros.geometry.omnistereo import Points, check_pair, pair_search_range, triangulate
 from panodepth_ros.geometry.panorama import Panorama, PanoramaGeometry
 
 __all__ = [
+    'ALIGNED',
+    'Mounting',
     'Panorama',
     'PanoramaGeometry',
     'PinholeCamera',

@@ -1,4 +1,4 @@
-"""The camera on the arm: a pinhole with lens distortion, as CameraInfo describes it."""
+"""The camera on the arm: a pinhole with lens distortion, as CameraInfo describes it, mounted."""
 
 from __future__ import annotations
 
@@ -9,8 +9,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from panodepth_ros.geometry.mounting import ALIGNED, Mounting
+
 Array = npt.NDArray[np.float64]
 
+#: Rays of pixels are found to this [px], or not at all after so many steps.
+_EXACT_PX, _MOST_ITERATIONS = 1e-7, 100
 #: Coefficients that each distortion model of image_proc may have.
 DISTORTION_MODELS = {
     'plumb_bob': (0, 4, 5),
@@ -22,7 +26,7 @@ DISTORTION_MODELS = {
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PinholeCamera:
     """
-    Intrinsics of a calibrated camera whose optical axis is radial.
+    Intrinsics of a calibrated camera and how it sits on the arm.
 
     Attributes
     ----------
@@ -34,6 +38,8 @@ class PinholeCamera:
         ``plumb_bob``, ``rational_polynomial`` or ``equidistant``.
     distortion : tuple of float
         D in the model's order.
+    mounting : Mounting
+        Its rotation against the arm; by default none, and the optical axis is radial.
 
     Raises
     ------
@@ -49,6 +55,7 @@ class PinholeCamera:
     cy: float
     distortion_model: str = 'plumb_bob'
     distortion: tuple[float, ...] = ()
+    mounting: Mounting = ALIGNED
 
     def __post_init__(self) -> None:
         for name in ('width', 'height', 'fx', 'fy'):
@@ -79,7 +86,7 @@ class PinholeCamera:
 
     def ray_angle(self, offset_px: float) -> float:
         """
-        Angle from the optical axis to an ideal column, ψ = −atan(offset/fx).
+        Angle from the arm to an ideal column of the aligned camera, ψ = −atan(offset/fx).
 
         Parameters
         ----------
@@ -95,12 +102,12 @@ class PinholeCamera:
 
     def project(self, ray_angle: npt.ArrayLike, slope: npt.ArrayLike) -> tuple[Array, Array]:
         """
-        Pixel at which a ray arrives, lens distortion included.
+        Pixel at which a ray arrives, mounting and lens distortion included.
 
         Parameters
         ----------
         ray_angle : array_like of float
-            ψ, angle from the optical axis in the plane of rotation [rad], in (−π/2, π/2).
+            ψ, angle from the arm in the plane of rotation [rad].
         slope : array_like of float
             z/d, height over horizontal distance from the camera centre; broadcast with
             ``ray_angle``.
@@ -108,16 +115,60 @@ class PinholeCamera:
         Returns
         -------
         (ndarray, ndarray) of float64
-            u and v [px], of the broadcast shape.
+            u and v [px], of the broadcast shape; NaN for rays from behind the camera.
 
         Notes
         -----
-        Ideal coordinates x = −tan ψ, y = −slope/cos ψ, then the lens model and K.
+        With ψ and slope turned into the camera's frame: ideal coordinates x = −tan ψ,
+        y = −slope/cos ψ, then the lens model and K.
         """
         ray_angle, slope = np.broadcast_arrays(
             np.asarray(ray_angle, np.float64), np.asarray(slope, np.float64)
         )
-        x, y = -np.tan(ray_angle), -slope / np.cos(ray_angle)
+        if not self.mounting.aligned:
+            ray_angle, slope = self.mounting.to_camera(ray_angle, slope)
+        ahead = np.where(np.abs(ray_angle) < np.pi / 2, np.cos(ray_angle), np.nan)
+        x, y = -np.sin(ray_angle) / ahead, -slope / ahead
+        return self._imaged(x, y)
+
+    def rays(self, u: npt.ArrayLike, v: npt.ArrayLike) -> tuple[Array, Array]:
+        """
+        Rays that arrive at pixels, the inverse of :meth:`project`.
+
+        Parameters
+        ----------
+        u, v : array_like of float
+            Pixels; broadcast.
+
+        Returns
+        -------
+        (ndarray, ndarray) of float64
+            Ray angle ψ [rad] and slope z/d in the arm's frame, of the broadcast shape.
+
+        Raises
+        ------
+        ValueError
+            If no ray arrives at one of the pixels by this lens model.
+        """
+        u, v = np.broadcast_arrays(np.asarray(u, np.float64), np.asarray(v, np.float64))
+        x, y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        for _ in range(_MOST_ITERATIONS if self.distorted else 0):
+            reached_u, reached_v = self._imaged(x, y)
+            off_u, off_v = u - reached_u, v - reached_v
+            if max(np.abs(off_u).max(), np.abs(off_v).max()) < _EXACT_PX:
+                break
+            x, y = x + off_u / self.fx, y + off_v / self.fy
+        else:
+            if self.distorted:
+                raise ValueError(
+                    f'camera distortion {self.distortion} leaves pixels without a ray; '
+                    'allowed: a lens model that holds in the whole image'
+                )
+        ray_angle = -np.arctan(x)
+        return self.mounting.to_arm(ray_angle, -y * np.cos(ray_angle))
+
+    def _imaged(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Lens model and K: ideal coordinates, right and down, to pixels."""
         if not self.distorted:
             return self.cx + self.fx * x, self.cy + self.fy * y
         K = np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])

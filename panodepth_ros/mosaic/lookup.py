@@ -1,6 +1,9 @@
-"""One column of a panorama out of one frame, lens distortion and quantised arm included."""
+"""One column of a panorama out of one frame: mounting, lens and quantised arm included."""
 
 from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +17,8 @@ Image = npt.NDArray[np.uint8]
 _HALF_PIXEL = 0.5 + 1e-6
 #: Closer than this to pixel centres, pixels are taken as they are [px].
 _EXACT = 1e-3
+#: Ray angles whose sampling positions are remembered: they are the same in every frame.
+_TABLES = 128
 
 
 def visible_rows(
@@ -34,31 +39,36 @@ def visible_rows(
     Returns
     -------
     (int, int)
-        First row and number of rows: those of the image, less those that distortion bends out.
+        First row and number of rows: those of the image, moved by whole rows as far as the camera
+        is tilted, less those that distortion and mounting take out of it at either side.
 
     Raises
     ------
     ValueError
         If a column lies outside the image or no row is left.
     """
-    rows = np.arange(camera.height, dtype=np.float64)
+    tilted = round(camera.fy * np.tan(camera.mounting.tilt))
+    rows = np.arange(camera.height, dtype=np.float64) - tilted
     seen = np.ones(camera.height, dtype=bool)
     for offset in offsets_px:
         angle = camera.ray_angle(offset)
-        u, _ = camera.project([angle], [0.0])
+        slope = (camera.cy - rows) / focal_length(camera, offset)
+        middle = np.tan(camera.mounting.tilt)
+        u, _ = camera.project([angle], [middle])
         if not -_HALF_PIXEL <= u[0] <= camera.width - 1 + _HALF_PIXEL:
             raise ValueError(
                 f'the column {offset:+g} px from the principal point cx = {camera.cx:g} is at '
                 f'u = {u[0]:.1f}, outside the image; allowed: 0 to {camera.width - 1}'
             )
-        slope = (camera.cy - rows) / focal_length(camera, offset)
+        u, _ = camera.project(angle, slope)
+        seen &= (u >= -_HALF_PIXEL) & (u <= camera.width - 1 + _HALF_PIXEL)
         for ray_angle in (angle - margin, angle, angle + margin):
             _, v = camera.project(ray_angle, slope)
             seen &= (v >= -_HALF_PIXEL) & (v <= camera.height - 1 + _HALF_PIXEL)
     kept = np.flatnonzero(seen)
     if not kept.size:
         raise ValueError('no row of the image is seen by every panorama column')
-    return int(kept[0]), int(kept[-1] - kept[0] + 1)
+    return int(rows[kept[0]]), int(kept[-1] - kept[0] + 1)
 
 
 def focal_length(camera: PinholeCamera, offset_px: float) -> float:
@@ -66,9 +76,23 @@ def focal_length(camera: PinholeCamera, offset_px: float) -> float:
     return float(camera.fy / np.cos(camera.ray_angle(offset_px)))
 
 
+class _Table(NamedTuple):
+    """Where a column is sampled: pixels and, unless they are met exactly, shares of neighbours."""
+
+    top: npt.NDArray[np.intp]
+    left: npt.NDArray[np.intp]
+    bottom: npt.NDArray[np.intp]
+    right: npt.NDArray[np.intp]
+    share_v: npt.NDArray[np.float64]
+    share_u: npt.NDArray[np.float64]
+    exact: bool
+
+
 class ColumnLookup:
     """
     Samples frames along the rays of one panorama's columns.
+
+    The sampling positions of a ray angle are computed once and then looked up.
 
     Parameters
     ----------
@@ -81,6 +105,7 @@ class ColumnLookup:
     def __init__(self, camera: PinholeCamera, slope: npt.NDArray[np.float64]) -> None:
         self._camera = camera
         self._slope = slope
+        self._table = lru_cache(maxsize=_TABLES)(self._positions)
 
     def column(self, image: Image, ray_angle: float) -> Image | None:
         """
@@ -99,24 +124,32 @@ class ColumnLookup:
             None if the ray leaves the image at its side. Pixels are copied where the rays meet
             their centres, and interpolated linearly elsewhere.
         """
-        u, v = self._camera.project(ray_angle, self._slope)
-        height, width = image.shape[:2]
-        if u.min() < -_HALF_PIXEL or u.max() > width - 1 + _HALF_PIXEL:
+        table = self._table(ray_angle)
+        if table is None:
             return None
-        u, v = np.clip(u, 0, width - 1), np.clip(v, 0, height - 1)
-        u0, v0 = np.rint(u), np.rint(v)
-        if max(np.abs(u - u0).max(), np.abs(v - v0).max()) < _EXACT:
-            return np.ascontiguousarray(image[v0.astype(np.intp), u0.astype(np.intp)])
-        left = np.minimum(np.floor(u), max(width - 2, 0)).astype(np.intp)
-        top = np.minimum(np.floor(v), max(height - 2, 0)).astype(np.intp)
-        right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-        share_u, share_v = u - left, v - top
+        top, left, bottom, right, share_v, share_u, exact = table
+        if exact:
+            return np.ascontiguousarray(image[top, left])
         if image.ndim == 3:
             share_u, share_v = share_u[:, np.newaxis], share_v[:, np.newaxis]
         above = image[top, left] * (1 - share_u) + image[top, right] * share_u
         below = image[bottom, left] * (1 - share_u) + image[bottom, right] * share_u
         mixed = above * (1 - share_v) + below * share_v
         return np.asarray(np.rint(mixed), dtype=np.uint8)
+
+    def _positions(self, ray_angle: float) -> _Table | None:
+        height, width = self._camera.height, self._camera.width
+        u, v = self._camera.project(ray_angle, self._slope)
+        if not (u.min() >= -_HALF_PIXEL and u.max() <= width - 1 + _HALF_PIXEL):
+            return None
+        u, v = np.clip(u, 0, width - 1), np.clip(v, 0, height - 1)
+        left, top = np.rint(u).astype(np.intp), np.rint(v).astype(np.intp)
+        exact = max(np.abs(u - left).max(), np.abs(v - top).max()) < _EXACT
+        if not exact:
+            left = np.minimum(np.floor(u), max(width - 2, 0)).astype(np.intp)
+            top = np.minimum(np.floor(v), max(height - 2, 0)).astype(np.intp)
+        right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+        return _Table(top, left, bottom, right, v - top, u - left, exact)
 
 
 def snapped(ray_angle: float, principal_angle: float) -> float:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from panodepth_ros.geometry import Panorama, PanoramaGeometry, PinholeCamera
+from panodepth_ros.geometry import ALIGNED, Mounting, Panorama, PanoramaGeometry, PinholeCamera
 from panodepth_ros.mosaic.lookup import ColumnLookup, focal_length, snapped, visible_rows
 
 #: A frame serves the columns whose arm azimuth is closer to its own than this [columns].
@@ -32,12 +32,15 @@ class Rig:
         N, columns of a full turn.
     sweep_columns : int
         Columns that a sweep covers, N for a full turn.
+    mounting : Mounting
+        The camera's rotation against the arm, by default none.
     """
 
     arm_radius: float
     column_offset: float
     columns: int
     sweep_columns: int
+    mounting: Mounting = ALIGNED
 
     @property
     def column_step(self) -> float:
@@ -95,7 +98,7 @@ class Sweep:
     rig : Rig
         Arm and columns.
     camera : PinholeCamera
-        The calibrated camera.
+        The calibrated camera, to be mounted as the rig says.
     first_azimuth : float
         Arm azimuth of the first frame [rad]; it lies on the column grid.
 
@@ -107,7 +110,7 @@ class Sweep:
 
     def __init__(self, rig: Rig, camera: PinholeCamera, first_azimuth: float) -> None:
         self.rig = rig
-        self.camera = camera
+        self.camera = camera = replace(camera, mounting=rig.mounting)
         self._first_azimuth = first_azimuth
         self._reference = math.remainder(first_azimuth, rig.column_step)
         # Right of the image centre is what the left eye sees.

@@ -25,7 +25,7 @@ from panodepth_ros.camera.calibration import (
 )
 from panodepth_ros.camera.capture import PIXEL_FORMATS, StreamSource, V4l2Source, VideoFileSource
 from panodepth_ros.camera.images import ImageSequenceSource
-from panodepth_ros.camera.simulated import RoomCamera, furnished_room
+from panodepth_ros.camera.simulated import RealCamera, RoomCamera, furnished_room
 from panodepth_ros.camera.simulated.source import SimulatedSource
 from panodepth_ros.camera.source import (
     Frame,
@@ -34,6 +34,7 @@ from panodepth_ros.camera.source import (
     SourceError,
     SourceLostError,
 )
+from panodepth_ros.geometry import Mounting, PinholeCamera
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, WARN, Report, publish_diagnostics
 from panodepth_ros.ros.images import to_message
@@ -98,6 +99,42 @@ class CameraParameters:
     simulated_fov_deg: float = parameter(
         34.0, 'Horizontal field of view in the simulated room', unit='°', bounds=(5.0, 120.0)
     )
+    simulated_yaw_deg: float = parameter(
+        0.0,
+        'Simulated optical axis to the left of the radial direction',
+        unit='°',
+        bounds=(-45.0, 45.0),
+    )
+    simulated_roll_deg: float = parameter(
+        0.0,
+        'Simulated camera turned clockwise, seen from behind',
+        unit='°',
+        bounds=(-180.0, 180.0),
+    )
+    simulated_tilt_deg: float = parameter(
+        0.0,
+        'Simulated optical axis above the plane of rotation',
+        unit='°',
+        bounds=(-45.0, 45.0),
+    )
+    simulated_cx_offset: float = parameter(
+        0.0,
+        'Simulated principal point right of the image centre',
+        unit='px',
+        bounds=(-1000.0, 1000.0),
+    )
+    simulated_cy_offset: float = parameter(
+        0.0,
+        'Simulated principal point below the image centre',
+        unit='px',
+        bounds=(-1000.0, 1000.0),
+    )
+    simulated_k1: float = parameter(
+        0.0, 'First radial distortion of the simulated lens', bounds=(-1.0, 1.0)
+    )
+    simulated_k2: float = parameter(
+        0.0, 'Second radial distortion of the simulated lens', bounds=(-1.0, 1.0)
+    )
     noise_stddev: float = parameter(
         1.5, 'Noise of the simulated sensor in grey levels', bounds=(0.0, 50.0)
     )
@@ -115,6 +152,24 @@ class CameraParameters:
     def size(self) -> tuple[int, int]:
         """Width and height asked for [px]."""
         return self.image_width, self.image_height
+
+    def simulated_camera(self) -> PinholeCamera:
+        """Return the true lens and mounting of the simulated camera."""
+        ideal = RoomCamera.from_field_of_view(*self.size, math.radians(self.simulated_fov_deg))
+        return PinholeCamera(
+            width=ideal.width,
+            height=ideal.height,
+            fx=ideal.fx,
+            fy=ideal.fy,
+            cx=ideal.cx + self.simulated_cx_offset,
+            cy=ideal.cy + self.simulated_cy_offset,
+            distortion=(self.simulated_k1, self.simulated_k2, 0.0, 0.0, 0.0),
+            mounting=Mounting(
+                yaw=math.radians(self.simulated_yaw_deg),
+                roll=math.radians(self.simulated_roll_deg),
+                tilt=math.radians(self.simulated_tilt_deg),
+            ),
+        )
 
 
 class CameraNode(Node):
@@ -135,11 +190,11 @@ class CameraNode(Node):
         try:
             self._room_camera, self._room = None, None
             if self._settings.source == 'simulated':
-                self._room_camera = RoomCamera.from_field_of_view(
-                    *self._settings.size, math.radians(self._settings.simulated_fov_deg)
-                )
+                self._room_camera = self._settings.simulated_camera()
                 self._room = furnished_room(self._settings.room_seed)
-                self._room.render(0.0, self._room_camera, self._settings.simulated_arm_radius)
+                RealCamera(self._room_camera).render(
+                    self._room, 0.0, self._settings.simulated_arm_radius
+                )
             calibration = self._calibration()
             source = self._source = self._open()
             self._camera_info = self._checked_camera_info(calibration, source)
@@ -233,6 +288,7 @@ class CameraNode(Node):
             fy=camera.fy,
             cx=camera.cx,
             cy=camera.cy,
+            distortion=camera.distortion,
             camera_name=ask.camera_name,
         )
 

@@ -13,6 +13,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
 from std_msgs.msg import Float32, Header
 from std_srvs.srv import Trigger
 
+from panodepth_ros.geometry import Mounting
 from panodepth_ros.mosaic import ArmTrack, Assembler, Rig, Standstill, Sweep
 from panodepth_ros.mosaic.sweep import columns_per_turn
 from panodepth_ros.ros import qos
@@ -48,6 +49,27 @@ class MosaicerParameters:
         "Distance of the left and right eye's columns from the principal point",
         unit='px',
         bounds=(1.0, 10000.0),
+        live=True,
+    )
+    camera_yaw_deg: float = parameter(
+        0.0,
+        'Optical axis to the left of the radial direction, counter-clockwise seen from above',
+        unit='°',
+        bounds=(-45.0, 45.0),
+        live=True,
+    )
+    camera_roll_deg: float = parameter(
+        0.0,
+        'Camera turned clockwise about its optical axis, seen from behind',
+        unit='°',
+        bounds=(-180.0, 180.0),
+        live=True,
+    )
+    camera_tilt_deg: float = parameter(
+        0.0,
+        'Optical axis above the plane of rotation',
+        unit='°',
+        bounds=(-45.0, 45.0),
         live=True,
     )
     column_step_deg: float = parameter(
@@ -107,6 +129,11 @@ class MosaicerParameters:
             column_offset=self.column_offset_px,
             columns=columns,
             sweep_columns=min(columns, round(self.sweep_deg / self.column_step_deg)),
+            mounting=Mounting(
+                yaw=math.radians(self.camera_yaw_deg),
+                roll=math.radians(self.camera_roll_deg),
+                tilt=math.radians(self.camera_tilt_deg),
+            ),
         )
 
 

@@ -15,8 +15,10 @@ from panodepth_ros.camera.simulated import Room, RoomCamera, furnished_room
 from panodepth_ros.camera.simulated import source as simulated
 from panodepth_ros.camera.simulated.source import SimulatedSource
 from panodepth_ros.camera.source import SourceClosedError, SourceError, SourceLostError
+from panodepth_ros.geometry import PinholeCamera
 
 CAMERA = RoomCamera.from_field_of_view(40, 30, math.radians(34.0))
+LENS = PinholeCamera(width=40, height=30, fx=CAMERA.fx, fy=CAMERA.fy, cx=19.5, cy=14.5)
 
 
 @pytest.fixture(scope='module')
@@ -39,7 +41,7 @@ def opened(room: Room, truth: Path, **changes: object) -> SimulatedSource:
         'grey': False,
         'stop': threading.Event(),
     }
-    return SimulatedSource(room, CAMERA, **(arguments | changes))
+    return SimulatedSource(room, LENS, **(arguments | changes))
 
 
 def test_frames_show_the_arm_where_it_is_while_it_moves(room: Room, truth: Path) -> None:

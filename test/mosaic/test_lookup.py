@@ -1,11 +1,12 @@
 """One column out of a frame, against an image whose grey levels are linear in u and v."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from panodepth_ros.geometry import PinholeCamera
+from panodepth_ros.geometry import Mounting, PinholeCamera
 from panodepth_ros.mosaic import ColumnLookup
 from panodepth_ros.mosaic.lookup import focal_length, snapped, visible_rows
 
@@ -105,3 +106,30 @@ def test_lens_that_shows_no_row_is_refused():
 def test_rounding_of_the_ray_angle_is_snapped_away():
     assert snapped(0.25 + 5e-8, 0.25) == 0.25
     assert snapped(0.25 + 2e-7, 0.25) == 0.25 + 2e-7
+
+
+def test_positions_of_a_ray_are_computed_once(monkeypatch):
+    lens = PinholeCamera(
+        width=W, height=H, fx=F, fy=F, cx=10.0, cy=4.0, distortion=(0.1, 0.0, 0.0, 0.0)
+    )
+    lookup, angle = ColumnLookup(lens, rows_of(2.0)), lens.ray_angle(2.0)
+    first = lookup.column(LINEAR, angle)
+    monkeypatch.setattr(PinholeCamera, 'project', None)
+    assert np.array_equal(lookup.column(LINEAR, angle), first)
+    assert not np.array_equal(lookup.column(255 - LINEAR, angle), first)
+
+
+def test_rows_of_a_tilted_camera_are_those_it_sees():
+    tilted = replace(CAMERA, mounting=Mounting(tilt=math.atan(3 / F)))
+    first, count = visible_rows(tilted, (0.0,), 0.0)
+    assert first == -3
+    assert count >= H - 1
+
+
+def test_rolled_columns_lose_the_rows_that_leave_the_image_at_its_side():
+    rolled = replace(CAMERA, mounting=Mounting(roll=0.3))
+    first, count = visible_rows(rolled, (8.0, -8.0, 0.0), 0.0)
+    assert 0 < count < H
+    for offset in (8.0, -8.0):
+        slope = (4.0 - np.arange(first, first + count)) / focal_length(CAMERA, offset)
+        assert ColumnLookup(rolled, slope).column(LINEAR, CAMERA.ray_angle(offset)) is not None

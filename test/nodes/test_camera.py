@@ -26,9 +26,10 @@ from panodepth_ros.camera.calibration import (
     read_calibration,
     write_calibration,
 )
-from panodepth_ros.camera.simulated import RoomCamera, furnished_room
+from panodepth_ros.camera.simulated import RealCamera, RoomCamera, furnished_room
 from panodepth_ros.camera.simulated import source as simulated_module
 from panodepth_ros.camera.source import SourceError, SourceLostError
+from panodepth_ros.geometry import Mounting, PinholeCamera
 from panodepth_ros.nodes import camera as camera_module
 from panodepth_ros.nodes.camera import CameraNode
 from panodepth_ros.ros import qos
@@ -232,6 +233,28 @@ def test_the_simulated_camera_sees_the_arm_and_knows_its_lens(ros, tmp_path, tru
         assert np.abs(to_array(image) - wanted).mean() < 1.0
         off = room.render(azimuth + 0.03, lens, 0.3).astype(int)
         assert np.abs(to_array(image) - off).mean() > 3.0
+
+
+def test_the_simulated_camera_has_the_lens_and_the_mount_it_is_given(ros, tmp_path, truth):
+    viewer = Viewer(ros)
+    given = {'simulated_yaw_deg': 3.0, 'simulated_k1': -0.1, 'simulated_cx_offset': 2.0}
+    ros.add(make_camera(ros, **simulated(tmp_path, room_seed=3, **given)))
+    pictures, infos = viewer.wait_for(1)
+    ideal = RoomCamera.from_field_of_view(40, 30, math.radians(34.0))
+    lens = PinholeCamera(
+        width=40,
+        height=30,
+        fx=ideal.fx,
+        fy=ideal.fy,
+        cx=21.5,
+        cy=14.5,
+        distortion=(-0.1, 0.0, 0.0, 0.0, 0.0),
+        mounting=Mounting(yaw=math.radians(3.0)),
+    )
+    wanted = RealCamera(lens).render(furnished_room(3), 0.5, 0.3)
+    np.testing.assert_array_equal(to_array(pictures[0]), wanted)
+    assert infos[0].k.tolist() == [lens.fx, 0.0, 21.5, 0.0, lens.fx, 14.5, 0.0, 0.0, 1.0]
+    assert infos[0].d.tolist() == [-0.1, 0.0, 0.0, 0.0, 0.0]
 
 
 def test_diagnostics_tell_the_measured_rate(ros, tmp_path, truth):

@@ -269,6 +269,25 @@ def test_column_outside_the_image_is_refused_live(bench):
     assert 'u = 41.0, outside the image; allowed: 0 to 40' in result.reason
 
 
+def test_camera_that_looks_aside_is_turned_back(bench):
+    yaw = 5.0
+    assert bench.set(column_offset_px=10.0).successful
+    assert bench.set(camera_yaw_deg=yaw).successful
+    bench.start()
+    got = bench.sweeps()
+    for name, offset in (('left', 10.0), ('right', -10.0), ('center', 0.0)):
+        u = 20 + 40 * math.tan(math.atan(offset / 40) + math.radians(yaw))
+        assert (to_array(got[f'{name}/image'])[4, :, 1] == round(u)).all()
+        assert panorama_geometry(got[f'{name}/camera_info']).uniform
+
+
+def test_mounting_that_turns_the_columns_out_of_the_image_is_refused_live(bench):
+    result = bench.set(camera_yaw_deg=10.0)
+    assert not result.successful
+    assert 'the column +20 px' in result.reason
+    assert 'outside the image; allowed: 0 to 40' in result.reason
+
+
 def test_read_only_parameter_is_refused_live(bench):
     assert not bench.set(column_step_deg=3.0).successful
 

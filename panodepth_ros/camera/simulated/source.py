@@ -8,7 +8,8 @@ import time
 import numpy as np
 
 from panodepth_ros.arm.truth import TruthError, TruthReader
-from panodepth_ros.camera.simulated.room import Room, RoomCamera
+from panodepth_ros.camera.simulated.lens import RealCamera
+from panodepth_ros.camera.simulated.room import Room
 from panodepth_ros.camera.source import (
     Frame,
     Image,
@@ -18,6 +19,7 @@ from panodepth_ros.camera.source import (
     SourceLostError,
     to_grey,
 )
+from panodepth_ros.geometry import PinholeCamera
 
 #: How long an arm that starts at the same time may take to begin its truth file [s].
 _ARM_START_TIMEOUT = 10.0
@@ -36,8 +38,8 @@ class SimulatedSource:
     ----------
     room : Room
         What it sees.
-    camera : RoomCamera
-        Its lens.
+    camera : PinholeCamera
+        Its true lens and mounting.
     arm_radius : float
         Axis to optical centre [m].
     arm_truth : str
@@ -61,7 +63,7 @@ class SimulatedSource:
     def __init__(
         self,
         room: Room,
-        camera: RoomCamera,
+        camera: PinholeCamera,
         *,
         arm_radius: float,
         arm_truth: str,
@@ -74,7 +76,7 @@ class SimulatedSource:
         self.name = 'simulated room'
         self.size = (camera.width, camera.height)
         self._room = room
-        self._camera = camera
+        self._camera = RealCamera(camera)
         self._arm_radius = arm_radius
         self._noise_stddev = noise_stddev
         self._rng = np.random.default_rng(seed)
@@ -98,7 +100,7 @@ class SimulatedSource:
             arm_azimuth = self._arm.azimuth(stamp)
         except TruthError as error:
             raise SourceLostError(str(error)) from error
-        image = self._room.render(arm_azimuth, self._camera, self._arm_radius)
+        image = self._camera.render(self._room, arm_azimuth, self._arm_radius)
         noisy = self._noisy(to_grey(image) if self._grey else image)
         return Frame(noisy, stamp)
 
