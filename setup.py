@@ -63,6 +63,7 @@ setup(
             'camera = panodepth_ros.nodes.camera:main',
             'mosaicer = panodepth_ros.nodes.mosaicer:main',
             'depth = panodepth_ros.nodes.depth:main',
+            'check_scan = panodepth_ros.nodes.check_scan:main',
             'simulated_arm = panodepth_ros.cli.simulated_arm:main',
             'panodepth_ros = panodepth_ros.cli.main:main',
         ],

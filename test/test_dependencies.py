@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-CORE = ('geometry', 'mosaic', 'matching', 'scan', 'evaluation')
+CORE = ('geometry', 'mosaic', 'matching', 'scan', 'evaluation', 'scan_check', 'frame_motion')
 
 #: rosdep keys, each looked up in rosdistro's rosdep/*.yaml or a package of the distribution.
 ROSDEP_KEYS = {
@@ -20,6 +20,7 @@ ROSDEP_KEYS = {
 ROS_PACKAGES = {
     *('rclpy', 'rcl_interfaces', 'builtin_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs'),
     *('diagnostic_msgs', 'launch', 'launch_ros', 'ros2launch', 'ament_index_python'),
+    'tf2_msgs',
 }
 
 

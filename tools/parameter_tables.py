@@ -7,6 +7,7 @@ from pathlib import Path
 
 from panodepth_ros.nodes.arm_driver import ArmDriverParameters
 from panodepth_ros.nodes.camera import CameraParameters
+from panodepth_ros.nodes.check_scan import CheckScanParameters
 from panodepth_ros.nodes.depth import DepthParameters
 from panodepth_ros.nodes.mosaicer import MosaicerParameters
 from panodepth_ros.ros.parameters import markdown_table
@@ -17,6 +18,7 @@ TABLES = {
     'camera': CameraParameters,
     'mosaicer': MosaicerParameters,
     'depth': DepthParameters,
+    'check_scan': CheckScanParameters,
 }
 
 

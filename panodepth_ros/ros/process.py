@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Callable
 from types import FrameType
+from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -61,9 +62,14 @@ def _explain(name: str, word: str) -> int:
     return 0 if asked else 2
 
 
-def run_node(name: str, make_node: Callable[[], Node], args: list[str] | None = None) -> int:
+def run_node(
+    name: str,
+    make_node: Callable[[], Node],
+    args: list[str] | None = None,
+    result: Callable[[Any], Any] | None = None,
+) -> int:
     """
-    Run one node until it is told to stop.
+    Run one node until it is told to stop, or until it has a result.
 
     SIGINT and SIGTERM end the process with code 0 after ``destroy_node`` has closed what the
     node holds. A node that cannot start (a bad parameter, a device that is not there) logs one
@@ -77,6 +83,9 @@ def run_node(name: str, make_node: Callable[[], Node], args: list[str] | None = 
         Makes the node. Raises OSError, RuntimeError or ValueError with a sentence for the user.
     args : list of str, optional
         Command line, by default that of the process.
+    result : callable, optional
+        Gives the node's Future of the exit code, for a node that ends by itself. Interrupted
+        before, it ends with code 1.
 
     Returns
     -------
@@ -84,8 +93,8 @@ def run_node(name: str, make_node: Callable[[], Node], args: list[str] | None = 
         The exit code; 2 for words that are no ROS arguments.
     """
     interruption = _Interruption()
-    process = _Process(name, make_node)
-    code = 0
+    process = _Process(name, make_node, result)
+    code = 0 if result is None else 1
     try:
         try:
             code = process.run(args)
@@ -102,9 +111,12 @@ def run_node(name: str, make_node: Callable[[], Node], args: list[str] | None = 
 class _Process:
     """A node, its executor and rclpy's context, as far as they came."""
 
-    def __init__(self, name: str, make_node: Callable[[], Node]) -> None:
+    def __init__(
+        self, name: str, make_node: Callable[[], Node], result: Callable[[Any], Any] | None
+    ) -> None:
         self._name = name
         self._make_node = make_node
+        self._result = result
         self._executor: SingleThreadedExecutor | None = None
         self._node: Node | None = None
 
@@ -118,6 +130,10 @@ class _Process:
             self._executor = SingleThreadedExecutor()
             self._node = self._make_node()
             self._executor.add_node(self._node)
+            if self._result is not None:
+                future = self._result(self._node)
+                self._executor.spin_until_future_complete(future)
+                return int(future.result())
             self._executor.spin()
         except (OSError, RuntimeError, ValueError) as error:
             if self._executor is not None and not rclpy.ok():  # interrupted while starting
