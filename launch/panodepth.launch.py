@@ -21,6 +21,30 @@ NODES = ('arm_driver', 'camera', 'mosaicer', 'depth')
 LINK = '/tmp/panodepth_arm'
 
 
+def _mount(context: LaunchContext) -> list[LaunchDescriptionEntity]:
+    """Return the static transform of the scan's frame on the robot, if a mount is given."""
+    mount = LaunchConfiguration('mount').perform(context).split()
+    if not mount:
+        return []
+    if len(mount) != 4:
+        raise ValueError(
+            f'mount is {" ".join(mount)!r}; allowed: x y z yaw, in metres and radians'
+        )
+    x, y, z, yaw = (str(float(value)) for value in mount)
+    return [
+        Node(
+            package='tf2_ros',
+            executable='static_transform_publisher',
+            name='panodepth_mount',
+            arguments=[
+                *('--x', x, '--y', y, '--z', z, '--yaw', yaw),
+                *('--frame-id', LaunchConfiguration('base_frame')),
+                *('--child-frame-id', LaunchConfiguration('scan_frame')),
+            ],
+        )
+    ]
+
+
 def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     simulated = LaunchConfiguration('simulated').perform(context) == 'true'
     default = 'simulated.yaml' if simulated else 'real.yaml'
@@ -66,6 +90,21 @@ def generate_launch_description() -> LaunchDescription:
                 description='Parameters of the nodes (default: config/simulated.yaml, real.yaml)',
             ),
             DeclareLaunchArgument('namespace', default_value='', description='Namespace'),
+            DeclareLaunchArgument(
+                'mount',
+                default_value='',
+                description='"x y z yaw" of the arm\'s axis at the height of the camera in '
+                'base_frame [m, rad]; empty: no transform is published, as another does',
+            ),
+            DeclareLaunchArgument(
+                'base_frame', default_value='base_link', description="The robot's frame"
+            ),
+            DeclareLaunchArgument(
+                'scan_frame',
+                default_value='panodepth',
+                description="The scan's frame: frame_id of the mosaicer",
+            ),
+            OpaqueFunction(function=_mount),
             OpaqueFunction(function=_graph),
         ]
     )
