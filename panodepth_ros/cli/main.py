@@ -8,7 +8,10 @@ import sys
 from importlib.metadata import version
 
 COMMANDS = {
+    'analyse': 'Tell what a rig can measure, from its numbers alone.',
     'demo': 'Take a panorama of a simulated room and measure it, without hardware.',
+    'figures': 'Draw a recorded sweep as the paper draws its own, and measure it by hand.',
+    'ply': 'Write the coloured points of a recorded sweep as a PLY file.',
     'record': 'Record topics into a bag.',
     'replay': 'Publish the messages of a bag.',
 }

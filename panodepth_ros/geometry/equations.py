@@ -60,6 +60,25 @@ def linear_principal_angle(angle_of_view: float, image_width: int, separation_px
     return angle_of_view / image_width * separation_px / 2
 
 
+def pinhole_principal_angle(angle_of_view: float, image_width: int, separation_px: float) -> float:
+    """
+    Principal angle of an ideal pinhole, tan φ = (W_2φ/2)/f with f = (W/2)/tan(α/2).
+
+    Parameters and returns as of :func:`linear_principal_angle`, which it replaces.
+    """
+    return math.atan(separation_px / image_width * math.tan(angle_of_view / 2))
+
+
+def pinhole_separation(angle_of_view: float, image_width: int, principal_angle: float) -> float:
+    """Return W_2φ [px], the inverse of :func:`pinhole_principal_angle`."""
+    return image_width * math.tan(principal_angle) / math.tan(angle_of_view / 2)
+
+
+def linear_separation(angle_of_view: float, image_width: int, principal_angle: float) -> float:
+    """Return W_2φ [px], the inverse of :func:`linear_principal_angle`."""
+    return image_width * 2 * principal_angle / angle_of_view
+
+
 def radial_distance(theta: npt.ArrayLike, *, arm_radius: float, principal_angle: float) -> Array:
     """
     Distance from the axis of a point seen by a symmetric pair (eq. 2).
@@ -166,8 +185,64 @@ def one_column_errors(
     return float(at - before), float(after - at)
 
 
+def theta_at(distance: float, *, arm_radius: float, principal_angle: float) -> float:
+    """
+    Return θ [rad] of a point at a distance from the axis [m]; the inverse of eq. 2.
+
+    Raises
+    ------
+    ValueError
+        If the distance is not outside of the camera's circle.
+    """
+    if not arm_radius < distance < math.inf:
+        raise ValueError(
+            f'distance is {distance:g} m; allowed: above the arm_radius of {arm_radius:g} m'
+        )
+    return principal_angle - math.asin(arm_radius * math.sin(principal_angle) / distance)
+
+
+def needed_viewing_circle(allowed_error: float, distance: float, column_step: float) -> float:
+    """
+    Viewing circle whose error of one column is a given one at a given distance.
+
+    Parameters
+    ----------
+    allowed_error : float
+        E = l(θ + θ0/2) − l(θ) [m], > 0: the larger one of :func:`one_column_errors`.
+    distance : float
+        l(θ) [m], > 0.
+    column_step : float
+        θ0 [rad].
+
+    Returns
+    -------
+    float
+        r0 = r·sin φ [m]: any arm radius and principal angle of this product will do. Larger
+        circles have smaller errors.
+
+    Notes
+    -----
+    With h = θ0/2 eq. 2 says sin(φ − θ) = r0/l and sin(φ − θ − h) = r0/(l + E). The sine of the
+    difference, √(1 − r0²/l²)·sin h = r0·c with c = cos h/l − 1/(l + E), gives
+    r0 = sin h/√(c² + sin²h/l²).
+    """
+    if allowed_error <= 0 or distance <= 0:
+        raise ValueError(
+            f'allowed_error is {allowed_error} m at a distance of {distance} m; '
+            'allowed: both above 0'
+        )
+    half = column_step / 2
+    c = math.cos(half) / distance - 1 / (distance + allowed_error)
+    return math.sin(half) / math.hypot(c, math.sin(half) / distance)
+
+
 def trusted_distance(
-    allowed_error: float, *, arm_radius: float, principal_angle: float, column_step: float
+    allowed_error: float,
+    *,
+    arm_radius: float,
+    principal_angle: float,
+    column_step: float,
+    relative: bool = False,
 ) -> float:
     """
     Farthest distance whose one-column error stays within a bound (sec. 6.4).
@@ -175,13 +250,15 @@ def trusted_distance(
     Parameters
     ----------
     allowed_error : float
-        Largest allowed l(dx) − l(dx − 1) [m], > 0.
+        Largest allowed l(dx) − l(dx − 1), > 0 [m]; if ``relative``, as a share of l(dx).
     arm_radius : float
         r [m].
     principal_angle : float
         φ [rad].
     column_step : float
         θ0 [rad].
+    relative : bool
+        What ``allowed_error`` is.
 
     Returns
     -------
@@ -194,12 +271,13 @@ def trusted_distance(
         If ``allowed_error`` is not above 0 or the rig is impossible.
     """
     if allowed_error <= 0:
-        raise ValueError(f'allowed_error is {allowed_error} m; allowed: above 0')
+        raise ValueError(f'allowed_error is {allowed_error}; allowed: above 0')
     n = search_range(principal_angle, column_step)
     distances = radial_distance(
         theta_from_columns(np.arange(1, n + 1), column_step),
         arm_radius=arm_radius,
         principal_angle=principal_angle,
     )
-    within = np.flatnonzero(np.diff(distances) <= allowed_error)
+    errors = np.diff(distances) / (distances[1:] if relative else 1.0)
+    within = np.flatnonzero(errors <= allowed_error)
     return float(distances[within[-1] + 1]) if within.size else math.nan

@@ -30,6 +30,12 @@ class Points:
     azimuth: npt.NDArray[np.float64]
     height: npt.NDArray[np.float64]
 
+    def xyz(self) -> npt.NDArray[np.float64]:
+        """Return x (forward), y (left) and z (up) of every point [m], shape (H, W, 3)."""
+        x = self.radial_distance * np.cos(self.azimuth)
+        y = self.radial_distance * np.sin(self.azimuth)
+        return np.stack([x, y, self.height], axis=-1)
+
 
 def check_pair(left: PanoramaGeometry, right: PanoramaGeometry) -> None:
     """

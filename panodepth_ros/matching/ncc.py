@@ -73,14 +73,20 @@ class Bests(NamedTuple):
 
 
 def match_ncc(
-    left: Panorama, right: Panorama, further: Sequence[Panorama], threads: int
+    left: Panorama,
+    right: Panorama,
+    further: Sequence[Panorama],
+    threads: int,
+    *,
+    back_correlation: bool = True,
 ) -> Correspondence:
     """
     Match by normalised correlation and back-correlation; ``further`` is not used.
 
-    Parameters and returns as in :func:`panodepth_ros.matching.match`.
+    Parameters and returns as in :func:`panodepth_ros.matching.match`; without
+    ``back_correlation`` the best candidate stands whatever the right pixel prefers.
     """
-    return match_grey(grey_pair(left, right), threads)
+    return match_grey(grey_pair(left, right), threads, back_correlation=back_correlation)
 
 
 def prepare() -> None:
@@ -90,7 +96,7 @@ def prepare() -> None:
     match_grey(GreyPair(grey, grey, seen, seen, first=1, last=WIDTH), 1)
 
 
-def match_grey(pair: GreyPair, threads: int) -> Correspondence:
+def match_grey(pair: GreyPair, threads: int, *, back_correlation: bool = True) -> Correspondence:
     """
     Match a grey pair.
 
@@ -100,6 +106,8 @@ def match_grey(pair: GreyPair, threads: int) -> Correspondence:
         H × W.
     threads : int
         Bands of rows are handled at the same time; sums are exact, so the bands do not show.
+    back_correlation : bool
+        Whether a match needs the consent of the right pixel.
 
     Returns
     -------
@@ -114,7 +122,14 @@ def match_grey(pair: GreyPair, threads: int) -> Correspondence:
 
     def run(band: int) -> None:
         start, stop = limits[band], limits[band + 1]
-        _match_band(padded, start, stop, disparity[start:stop], confidence[start:stop])
+        _match_band(
+            padded,
+            start,
+            stop,
+            back_correlation,
+            disparity[start:stop],
+            confidence[start:stop],
+        )
 
     if threads == 1:
         for band in range(bands):
@@ -127,8 +142,9 @@ def match_grey(pair: GreyPair, threads: int) -> Correspondence:
 
 @kernel
 def _match_band(
-    pair: PaddedPair, start: int, stop: int, disparity: Float32Array, confidence: Float32Array
-) -> None:
+    pair: PaddedPair, start: int, stop: int, back_correlation: bool,
+    disparity: Float32Array, confidence: Float32Array,
+) -> None:  # fmt: skip
     """Match the rows start … stop − 1."""
     columns, lanes = disparity.shape[1], pair.codes.size
     disparity[:] = np.nan
@@ -155,7 +171,8 @@ def _match_band(
         for y in range(start, stop):
             row = tile_row(pair, y, y - start, tile, left, right, gaps)
             _match_row(pair, reach, row, y, y - start, width, sums, bests)
-    _keep_consistent(pair, bests)
+    if back_correlation:
+        _keep_consistent(pair, bests)
 
 
 @kernel

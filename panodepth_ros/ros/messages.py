@@ -1,16 +1,23 @@
-"""Geometry to and from sensor_msgs/CameraInfo (docs/conventions.md, "Panoramas")."""
+"""
+Geometry to and from sensor_msgs/CameraInfo (docs/conventions.md, "Panoramas").
+
+Reading needs no ROS: any object with the fields of the message will do, such as one out of a bag.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
-from builtin_interfaces.msg import Time
-from sensor_msgs.msg import CameraInfo, LaserScan
-from std_msgs.msg import Header
 
 from panodepth_ros.geometry import PanoramaGeometry, PinholeCamera
 from panodepth_ros.scan import ScanSettings
+
+if TYPE_CHECKING:
+    from builtin_interfaces.msg import Time
+    from sensor_msgs.msg import CameraInfo, LaserScan
+    from std_msgs.msg import Header
 
 #: ``distortion_model`` of a panorama.
 CYLINDRICAL = 'cylindrical'
@@ -23,6 +30,8 @@ def to_nanoseconds(stamp: Time) -> int:
 
 def to_stamp(nanoseconds: int) -> Time:
     """Return nanoseconds as a stamp."""
+    from builtin_interfaces.msg import Time  # noqa: PLC0415 - reading works without ROS
+
     sec, nanosec = divmod(nanoseconds, 1_000_000_000)
     return Time(sec=sec, nanosec=nanosec)
 
@@ -51,6 +60,8 @@ def pinhole_camera(info: CameraInfo) -> PinholeCamera:
 
 def panorama_info(geometry: PanoramaGeometry, header: Header) -> CameraInfo:
     """Write a panorama's geometry as a CameraInfo."""
+    from sensor_msgs.msg import CameraInfo  # noqa: PLC0415 - reading works without ROS
+
     info = CameraInfo(header=header, width=geometry.columns, height=geometry.rows)
     info.distortion_model = CYLINDRICAL
     info.k = [
@@ -135,6 +146,8 @@ def laser_scan(
         angle_min = −π, angle_max = angle_min + (N − 1)·angle_increment: no doubled last ray, the
         one form that every consumer takes; time_increment = 0, for the robot stands still.
     """
+    from sensor_msgs.msg import LaserScan  # noqa: PLC0415 - reading works without ROS
+
     return LaserScan(
         header=header,
         angle_min=-math.pi,

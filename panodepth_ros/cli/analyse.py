@@ -1,0 +1,406 @@
+"""``panodepth_ros analyse``: what a rig can measure, from its numbers alone (sec. 6)."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from panodepth_ros.capture_time import Capture, Motor, continuous, stop_and_go, widest_stripe
+from panodepth_ros.cli.plotting import PlottingError, plotting
+from panodepth_ros.geometry import equations as eq
+
+#: What ``--paper`` stands for: the rig of Tables 1 and 2, and its 1501 images.
+_PAPER = MappingProxyType(
+    {
+        'radius': 0.30,
+        'fov': 34.0,
+        'width': 160,
+        'offset': [70.5, 8.5],
+        'step': 0.2,
+        'linear': True,
+        'sweep': 300.2,
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Allowed:
+    """A bound of the one-column error: metres, or a share of the distance."""
+
+    value: float
+    relative: bool
+
+    def __str__(self) -> str:
+        return f'{100 * self.value:g} %' if self.relative else f'{self.value:g} m'
+
+    def at(self, distance: float) -> float:
+        """Return the bound at a distance [m]."""
+        return self.value * distance if self.relative else self.value
+
+
+def _allowed(text: str) -> _Allowed:
+    relative = text.endswith('%')
+    value = float(text.removesuffix('%')) / (100 if relative else 1)
+    if not 0 < value < math.inf:
+        raise ValueError
+    return _Allowed(value, relative)
+
+
+_allowed.__name__ = 'error (metres such as 0.2, or a share such as 5%)'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    add = parser.add_argument
+    add('--paper', action='store_true', help="the paper's rig and rules; overrides the rig's")
+    rig = parser.add_argument_group('rig')
+    add = rig.add_argument
+    add('--radius', type=float, default=0.30, metavar='M', help='arm (%(default)s m)')
+    add('--fov', type=float, default=34.0, metavar='DEG', help='horizontal view (%(default)s°)')
+    add('--width', type=int, default=160, metavar='PX', help='image width (%(default)s px)')
+    add(
+        *('--offset',),
+        type=float,
+        nargs='+',
+        default=[70.5],
+        metavar='PX',
+        help="the eyes' columns, from the middle of the image; several to compare (70.5 px)",
+    )
+    add('--step', type=float, default=0.2, metavar='DEG', help='column step (%(default)s°)')
+    add('--linear', action='store_true', help="φ by the paper's linear rule (eq. 3)")
+    question = parser.add_argument_group('questions')
+    add = question.add_argument
+    add(
+        *('--at',),
+        type=float,
+        nargs='+',
+        default=[0.5, 1.0, 2.0, 3.0, 4.0],
+        metavar='M',
+        help='distances to tell the error of (0.5 1 2 3 4 m)',
+    )
+    add(
+        *('--allow',),
+        type=_allowed,
+        default=_Allowed(0.05, relative=True),
+        metavar='ERROR',
+        help='allowed error of one column: up to where is it kept, which radius and which '
+        'columns keep it at the distances of --at; metres or per cent (5%%)',
+    )
+    capture = parser.add_argument_group('capture')
+    add = capture.add_argument
+    add('--sweep', type=float, default=360.0, metavar='DEG', help='sweep (%(default)s°)')
+    add('--motor-steps', type=int, metavar='N', help='motor steps of a full turn of the arm')
+    add('--speed', type=float, default=30.0, metavar='DEG_S', help='motor (%(default)s °/s)')
+    add('--acceleration', type=float, default=3600.0, metavar='DEG_S2', help='(%(default)s °/s²)')
+    add('--settle', type=float, default=0.1, metavar='S', help='after a step (%(default)s s)')
+    add('--frame-rate', type=float, default=30.0, metavar='HZ', help='camera (%(default)s Hz)')
+    add(
+        *('--stripe',),
+        type=int,
+        nargs='+',
+        metavar='COLUMNS',
+        help='columns of one frame (1, and as many as the image holds)',
+    )
+    parser.add_argument(
+        '--figures', type=Path, metavar='DIR', help="draw the paper's Figs. 4 and 5 into a folder"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Rig:
+    """A rig with one pair of columns; angles in radians, ``rule`` names how φ was found."""
+
+    radius: float
+    fov: float
+    width: int
+    offset: float
+    step: float
+    linear: bool
+
+    @property
+    def exact(self) -> float:
+        return eq.pinhole_principal_angle(self.fov, self.width, 2 * self.offset)
+
+    @property
+    def by_linear_rule(self) -> float:
+        return eq.linear_principal_angle(self.fov, self.width, 2 * self.offset)
+
+    @property
+    def phi(self) -> float:
+        return self.by_linear_rule if self.linear else self.exact
+
+    @property
+    def columns(self) -> int:
+        return eq.search_range(self.phi, self.step)
+
+    @property
+    def outermost(self) -> float:
+        """Offset of the image's last column [px]."""
+        return (self.width - 1) / 2
+
+    def offset_of(self, phi: float) -> float:
+        """Return the column offset [px] of a principal angle."""
+        rule = eq.linear_separation if self.linear else eq.pinhole_separation
+        return rule(self.fov, self.width, phi) / 2
+
+    def distance(self, theta: float) -> float:
+        """Return eq. 2 [m]."""
+        return float(eq.radial_distance(theta, arm_radius=self.radius, principal_angle=self.phi))
+
+    def errors(self, theta: float) -> tuple[float, float]:
+        """Return the errors of one column towards and away from the rig [m]."""
+        return eq.one_column_errors(
+            theta, arm_radius=self.radius, principal_angle=self.phi, column_step=self.step
+        )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the analysis; return the exit code."""
+    if arguments.paper:
+        vars(arguments).update(_PAPER)
+    try:
+        rigs = [_rig(arguments, offset) for offset in arguments.offset]
+        lines = [*_limits(rigs, arguments.allow), *_table_1(rigs), *_table_2(rigs)]
+        for rig in rigs:
+            lines += _at_distances(rig, arguments.at, arguments.allow)
+        lines += _capture(rigs[0], arguments)
+        print('\n'.join(lines))
+        if arguments.figures is not None:
+            print(f'\nwrote {_draw(rigs, arguments.figures)} to {arguments.figures}')
+    except (ValueError, OSError, PlottingError) as error:
+        print(f'panodepth_ros analyse: {error}', file=sys.stderr)
+        return 1
+    return 0
+
+
+def _rig(arguments: argparse.Namespace, offset: float) -> _Rig:
+    """Check the rig's numbers."""
+    outermost = (arguments.width - 1) / 2
+    for name, value, allowed, fits in (
+        ('--radius', arguments.radius, 'above 0 m', arguments.radius > 0),
+        ('--fov', arguments.fov, 'above 0°, below 180°', 0 < arguments.fov < 180),
+        ('--width', arguments.width, 'at least 2 px', arguments.width >= 2),
+        ('--offset', offset, f'above 0, at most {outermost:g} px', 0 < offset <= outermost),
+        ('--step', arguments.step, 'a whole fraction of 360°', _divides_turn(arguments.step)),
+        ('--sweep', arguments.sweep, 'above 0°, at most 360°', 0 < arguments.sweep <= 360),
+    ):
+        if not fits:
+            raise ValueError(f'{name} is {value:g}; allowed: {allowed}')
+    rig = _Rig(
+        radius=arguments.radius,
+        fov=math.radians(arguments.fov),
+        width=arguments.width,
+        offset=offset,
+        step=math.radians(arguments.step),
+        linear=arguments.linear,
+    )
+    if rig.columns < 2:
+        raise ValueError(
+            f'--offset is {offset:g} px, which leaves {rig.columns} columns to search at a step '
+            f'of {arguments.step:g}°; allowed: at least 2'
+        )
+    return rig
+
+
+def _divides_turn(step: float) -> bool:
+    return 0 < step <= 6 and math.isclose(360 / step, round(360 / step), rel_tol=1e-9)
+
+
+def _row(label: str, cells: Iterable[str]) -> str:
+    return f'{label:<40}' + ''.join(f'{cell:>14}' for cell in cells)
+
+
+def _millimetres(metres: float, digits: int = 0) -> str:
+    """Return as the paper prints them: rounded, without a trailing .0."""
+    return f'{round(1000 * metres, digits):.{digits}f}'.removesuffix('.0')
+
+
+def _limits(rigs: list[_Rig], allowed: _Allowed) -> list[str]:
+    first = rigs[0]
+    rule = "paper's linear rule" if first.linear else 'exact pinhole'
+
+    def row(label: str, value: Callable[[_Rig], str]) -> str:
+        return _row(label, map(value, rigs))
+
+    def trusted(rig: _Rig) -> str:
+        distance = eq.trusted_distance(
+            allowed.value,
+            arm_radius=rig.radius,
+            principal_angle=rig.phi,
+            column_step=rig.step,
+            relative=allowed.relative,
+        )
+        return 'none' if math.isnan(distance) else f'{_millimetres(distance)} mm'
+
+    return [
+        f'rig: r = {_millimetres(first.radius)} mm, {first.width} px over '
+        f'{math.degrees(first.fov):g}°, {round(2 * math.pi / first.step)} columns of '
+        f'{math.degrees(first.step):g}° a turn; φ by the {rule}',
+        '',
+        row('columns at ±', lambda rig: f'{rig.offset:g} px'),
+        row('2φ, exact pinhole', lambda rig: _degrees(2 * rig.exact)),
+        row("2φ, paper's linear rule (eq. 3)", lambda rig: _degrees(2 * rig.by_linear_rule)),
+        row('n, columns to search = depths (sec. 6.2)', lambda rig: f'{rig.columns}'),
+        row(
+            'nearest distance l_min', lambda rig: f'{_millimetres(rig.distance(rig.step / 2))} mm'
+        ),
+        row(
+            'farthest distance l_max',
+            lambda rig: f'{_millimetres(rig.distance(rig.columns * rig.step / 2))} mm',
+        ),
+        row(f'trusted for {allowed} a column (sec. 6.4)', trusted),
+    ]
+
+
+def _degrees(angle: float) -> str:
+    return f'{math.degrees(angle):.4f}°'
+
+
+def _table_1(rigs: list[_Rig]) -> list[str]:
+    """Write Table 1; as in the paper, errors are differences of the printed distances."""
+    cells = ('l(θ − θ0/2)', 'l(θ)', 'l(θ + θ0/2)', 'error −', 'error +')
+    lines = ['', _row('one column off, in mm (Table 1)', cells)]
+    for share, name in ((1 / 4, 'φ/4'), (7 / 8, '7φ/8')):
+        for rig in rigs:
+            theta, half = share * rig.phi, rig.step / 2
+            near, at, far = (round(rig.distance(theta + side), 4) for side in (-half, 0.0, half))
+            values = (near, at, far, at - near, far - at)
+            lines.append(
+                _row(
+                    f'  2φ = {_degrees(2 * rig.phi)}, θ = {name}',
+                    (_millimetres(value, 1) for value in values),
+                )
+            )
+    return lines
+
+
+def _table_2(rigs: list[_Rig]) -> list[str]:
+    """Write Table 2 as it is, and as the paper has it: of distances in whole millimetres."""
+    lines = ['', _row('one column off, in mm (Table 2)', ('exact', 'as printed'))]
+    for name, choose in (
+        ('Δl_min', lambda rig: (1, 2)),
+        ('Δl_max', lambda rig: (rig.columns - 1, rig.columns)),
+    ):
+        for rig in rigs:
+            near, far = (rig.distance(dx * rig.step / 2) for dx in choose(rig))
+            printed = round(1000 * far) - round(1000 * near)
+            lines.append(
+                _row(
+                    f'  2φ = {_degrees(2 * rig.phi)}, {name}',
+                    (f'{1000 * (far - near):.2f}', f'{printed}'),
+                )
+            )
+    return lines
+
+
+def _at_distances(rig: _Rig, distances: list[float], allowed: _Allowed) -> list[str]:
+    lines = [
+        '',
+        _row(
+            f'one column off at ±{rig.offset:g} px',
+            ('too near by', 'too far by', 'share'),
+        )
+        + f'   {allowed} takes',
+    ]
+    for distance in distances:
+        theta = eq.theta_at(distance, arm_radius=rig.radius, principal_angle=rig.phi)
+        near, far = rig.errors(theta)
+        costs = '∞' if math.isnan(far) else f'{far:.3f} m'
+        lines.append(
+            _row(
+                f'  at {distance:g} m',
+                (
+                    '–' if math.isnan(near) else f'{near:.3f} m',
+                    costs,
+                    '∞' if math.isnan(far) else f'{far / distance:.1%}',
+                ),
+            )
+            + f'   {_needed(rig, distance, allowed.at(distance))}'
+        )
+    return lines
+
+
+def _needed(rig: _Rig, distance: float, allowed_error: float) -> str:
+    """Say which radius, and which columns, keep an error at a distance."""
+    circle = eq.needed_viewing_circle(allowed_error, distance, rig.step)
+    radius = circle / math.sin(rig.phi)
+    by_radius = (
+        f'r ≥ {1000 * radius:.0f} mm' if radius < distance else 'no radius (it would reach there)'
+    )
+    share = circle / rig.radius
+    offset = rig.offset_of(math.asin(share)) if share < 1 else math.inf
+    by_offset = (
+        f'columns ≥ ±{math.ceil(10 * offset - 1e-6) / 10:g} px'
+        if offset <= rig.outermost
+        else f'no column of this lens (±{rig.outermost:g} px)'
+    )
+    return f'{by_radius}, or {by_offset}'
+
+
+def _capture(rig: _Rig, arguments: argparse.Namespace) -> list[str]:
+    motor = Motor(
+        speed=math.radians(arguments.speed),
+        acceleration=math.radians(arguments.acceleration),
+        settle_time=arguments.settle,
+    )
+    columns = round(arguments.sweep / arguments.step)
+    widest = widest_stripe(rig.phi, rig.fov, rig.step)
+    stripes = arguments.stripe or sorted({1, widest})
+    for stripe in stripes:
+        if not 1 <= stripe <= widest:
+            raise ValueError(
+                f'--stripe is {stripe}; allowed: 1 to {widest} columns, what the image holds '
+                f'about ±{rig.offset:g} px'
+            )
+    lines = [
+        '',
+        _row(
+            f'sweep of {columns} columns (sec. 6.1)',
+            ('frames', 'time', 'arm', 'exposure ≤'),
+        ),
+    ]
+    for name, mode in (('stop and go', stop_and_go), ('turning steadily', continuous)):
+        for stripe in stripes:
+            took = mode(columns, rig.step, motor, arguments.frame_rate, stripe=stripe)
+            lines.append(_capture_row(f'  {name}, {stripe} column{"s"[: stripe > 1]}', took))
+    if arguments.motor_steps is not None:
+        lines += ['', _motor_steps(arguments.motor_steps, arguments.step)]
+    return lines
+
+
+def _capture_row(label: str, took: Capture) -> str:
+    steady = took.arm_speed > 0
+    return _row(
+        label,
+        (
+            f'{took.frames}',
+            f'{took.duration:.1f} s',
+            f'{math.degrees(took.arm_speed):.1f} °/s' if steady else 'stands',
+            f'{1000 * took.longest_exposure:.1f} ms' if steady else 'any',
+        ),
+    )
+
+
+def _motor_steps(motor_steps: int, step: float) -> str:
+    """Say how well whole motor steps make column steps."""
+    if motor_steps < 1:
+        raise ValueError(f'--motor-steps is {motor_steps}; allowed: at least 1')
+    steps = step / 360 * motor_steps
+    text = f'a column step is {steps:.3f} motor steps of {360 / motor_steps:.7f}°'
+    if math.isclose(steps, round(steps), abs_tol=1e-6):
+        return text
+    return f'{text}: columns lie up to {180 / motor_steps:.4f}° off'
+
+
+def _draw(rigs: list[_Rig], folder: Path) -> str:
+    plots = plotting('plots_of_paper')
+    folder.mkdir(parents=True, exist_ok=True)
+    curves = [plots.Curve(rig.radius, rig.phi, rig.step) for rig in rigs]
+    plots.save_depth_curves(curves, folder / 'figure_4.png')
+    plots.save_depth_circles(curves, folder / 'figure_5.png')
+    return 'figure_4.png and figure_5.png'

@@ -1,0 +1,47 @@
+"""``panodepth_ros ply``: the coloured points of a recorded sweep."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from panodepth_ros.bag import BagError
+from panodepth_ros.cli.sweeps import add_sweep_arguments, read_pair
+from panodepth_ros.geometry import triangulate
+from panodepth_ros.matching import match
+from panodepth_ros.ply import vertices, write_ply
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    add_sweep_arguments(parser)
+    parser.add_argument(
+        '-o', '--output', type=Path, default=Path('points.ply'), help='file (%(default)s)'
+    )
+    parser.add_argument(
+        '--farthest',
+        type=float,
+        default=8.0,
+        metavar='M',
+        help='points farther from the axis are left out (%(default)s m)',
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the file; return the exit code."""
+    try:
+        left, right = read_pair(arguments.bag, arguments.namespace)
+        matched = match(left, right, method=arguments.method, threads=arguments.threads)
+        points = triangulate(matched.column_disparity, left.geometry, right.geometry)
+        xyz = points.xyz()
+        xyz[points.radial_distance > arguments.farthest] = np.nan
+        found = vertices(xyz, left.image, matched.confidence, arguments.min_confidence)
+        write_ply(arguments.output, found)
+    except (BagError, OSError, ValueError) as error:
+        print(f'panodepth_ros ply: {error}', file=sys.stderr)
+        return 1
+    print(f'{arguments.output}: {found.size} points')
+    return 0

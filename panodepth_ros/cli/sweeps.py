@@ -1,0 +1,94 @@
+"""What the commands that work on a recorded sweep share: its panoramas, out of a bag."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from panodepth_ros.bag import BagError, read
+from panodepth_ros.geometry import Panorama, check_pair
+from panodepth_ros.matching import METHODS
+from panodepth_ros.ros.images import to_bgr_or_mono
+from panodepth_ros.ros.messages import panorama_geometry
+
+_TOPICS = ('left/image', 'left/camera_info', 'right/image', 'right/camera_info')
+
+
+def share(text: str) -> float:
+    """Read a number from 0 to 1 for argparse."""
+    value = float(text)
+    if not 0 <= value <= 1:
+        raise ValueError
+    return value
+
+
+share.__name__ = 'share (0 to 1)'
+
+
+def add_sweep_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that say which sweep, and how it is matched."""
+    parser.add_argument(
+        'bag', type=Path, help="bag with panoramas (folder or file), or the demo's output folder"
+    )
+    parser.add_argument(
+        '--namespace', default='', metavar='NAME', help='namespace of left/image and the others'
+    )
+    parser.add_argument(
+        '--method', choices=METHODS, default=METHODS[0], help='matching (%(default)s)'
+    )
+    parser.add_argument(
+        '--min-confidence',
+        type=share,
+        default=0.3,
+        metavar='C',
+        help='pixels of less confidence are left out (%(default)s)',
+    )
+    parser.add_argument('--threads', type=int, default=1, metavar='N', help='(%(default)s)')
+
+
+def read_pair(path: Path, namespace: str = '') -> tuple[Panorama, Panorama]:
+    """
+    Read the last sweep of a bag.
+
+    Parameters
+    ----------
+    path : Path
+        Bag, or a folder with a bag of the name ``bag``.
+    namespace : str
+        Of the topics left/image, left/camera_info and those of the right eye.
+
+    Returns
+    -------
+    (Panorama, Panorama)
+        Left and right eye, of one stamp.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read or holds no complete pair.
+    ValueError
+        If the messages are no pair of panoramas.
+    """
+    if (path / 'bag' / 'metadata.yaml').is_file():
+        path = path / 'bag'
+    prefix = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
+    names = {f'{prefix}/{topic}': topic for topic in _TOPICS}
+    unpaired: dict[tuple[int, int], dict[str, Any]] = {}
+    pair: dict[str, Any] | None = None
+    for topic, _, message in read(path, names):
+        stamp = (message.header.stamp.sec, message.header.stamp.nanosec)
+        messages = unpaired.setdefault(stamp, {})
+        messages[names[topic]] = message
+        if len(messages) == len(_TOPICS):
+            pair = unpaired.pop(stamp)
+    if pair is None:
+        raise BagError(f'bag {path} holds no {", ".join(names)} of one stamp')
+    left, right = (
+        Panorama(
+            to_bgr_or_mono(pair[f'{eye}/image']), panorama_geometry(pair[f'{eye}/camera_info'])
+        )
+        for eye in ('left', 'right')
+    )
+    check_pair(left.geometry, right.geometry)
+    return left, right
