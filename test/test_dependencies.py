@@ -9,7 +9,10 @@ from xml.etree import ElementTree
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-CORE = ('geometry', 'mosaic', 'matching', 'scan', 'evaluation', 'scan_check', 'frame_motion')
+CORE = (
+    *('geometry', 'mosaic', 'matching', 'scan', 'evaluation', 'scan_check', 'frame_motion'),
+    *('analysis', 'capture_time', 'ply'),
+)
 
 #: rosdep keys, each looked up in rosdistro's rosdep/*.yaml or a package of the distribution.
 ROSDEP_KEYS = {

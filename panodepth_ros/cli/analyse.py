@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
+from panodepth_ros.analysis import RigNumbers
 from panodepth_ros.capture_time import Capture, Motor, continuous, stop_and_go, widest_stripe
 from panodepth_ros.cli.plotting import PlottingError, plotting
-from panodepth_ros.geometry import equations as eq
 
 #: What ``--paper`` stands for: the rig of Tables 1 and 2, and its 1501 images.
 _PAPER = MappingProxyType(
@@ -111,54 +111,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Rig:
-    """A rig with one pair of columns; angles in radians, ``rule`` names how φ was found."""
-
-    radius: float
-    fov: float
-    width: int
-    offset: float
-    step: float
-    linear: bool
-
-    @property
-    def exact(self) -> float:
-        return eq.pinhole_principal_angle(self.fov, self.width, 2 * self.offset)
-
-    @property
-    def by_linear_rule(self) -> float:
-        return eq.linear_principal_angle(self.fov, self.width, 2 * self.offset)
-
-    @property
-    def phi(self) -> float:
-        return self.by_linear_rule if self.linear else self.exact
-
-    @property
-    def columns(self) -> int:
-        return eq.search_range(self.phi, self.step)
-
-    @property
-    def outermost(self) -> float:
-        """Offset of the image's last column [px]."""
-        return (self.width - 1) / 2
-
-    def offset_of(self, phi: float) -> float:
-        """Return the column offset [px] of a principal angle."""
-        rule = eq.linear_separation if self.linear else eq.pinhole_separation
-        return rule(self.fov, self.width, phi) / 2
-
-    def distance(self, theta: float) -> float:
-        """Return eq. 2 [m]."""
-        return float(eq.radial_distance(theta, arm_radius=self.radius, principal_angle=self.phi))
-
-    def errors(self, theta: float) -> tuple[float, float]:
-        """Return the errors of one column towards and away from the rig [m]."""
-        return eq.one_column_errors(
-            theta, arm_radius=self.radius, principal_angle=self.phi, column_step=self.step
-        )
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Print the analysis; return the exit code."""
     if arguments.paper:
@@ -178,20 +130,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _rig(arguments: argparse.Namespace, offset: float) -> _Rig:
-    """Check the rig's numbers."""
-    outermost = (arguments.width - 1) / 2
-    for name, value, allowed, fits in (
-        ('--radius', arguments.radius, 'above 0 m', arguments.radius > 0),
-        ('--fov', arguments.fov, 'above 0°, below 180°', 0 < arguments.fov < 180),
-        ('--width', arguments.width, 'at least 2 px', arguments.width >= 2),
-        ('--offset', offset, f'above 0, at most {outermost:g} px', 0 < offset <= outermost),
-        ('--step', arguments.step, 'a whole fraction of 360°', _divides_turn(arguments.step)),
-        ('--sweep', arguments.sweep, 'above 0°, at most 360°', 0 < arguments.sweep <= 360),
-    ):
-        if not fits:
-            raise ValueError(f'{name} is {value:g}; allowed: {allowed}')
-    rig = _Rig(
+def _rig(arguments: argparse.Namespace, offset: float) -> RigNumbers:
+    return RigNumbers(
         radius=arguments.radius,
         fov=math.radians(arguments.fov),
         width=arguments.width,
@@ -199,16 +139,6 @@ def _rig(arguments: argparse.Namespace, offset: float) -> _Rig:
         step=math.radians(arguments.step),
         linear=arguments.linear,
     )
-    if rig.columns < 2:
-        raise ValueError(
-            f'--offset is {offset:g} px, which leaves {rig.columns} columns to search at a step '
-            f'of {arguments.step:g}°; allowed: at least 2'
-        )
-    return rig
-
-
-def _divides_turn(step: float) -> bool:
-    return 0 < step <= 6 and math.isclose(360 / step, round(360 / step), rel_tol=1e-9)
 
 
 def _row(label: str, cells: Iterable[str]) -> str:
@@ -220,21 +150,15 @@ def _millimetres(metres: float, digits: int = 0) -> str:
     return f'{round(1000 * metres, digits):.{digits}f}'.removesuffix('.0')
 
 
-def _limits(rigs: list[_Rig], allowed: _Allowed) -> list[str]:
+def _limits(rigs: list[RigNumbers], allowed: _Allowed) -> list[str]:
     first = rigs[0]
     rule = "paper's linear rule" if first.linear else 'exact pinhole'
 
-    def row(label: str, value: Callable[[_Rig], str]) -> str:
+    def row(label: str, value: Callable[[RigNumbers], str]) -> str:
         return _row(label, map(value, rigs))
 
-    def trusted(rig: _Rig) -> str:
-        distance = eq.trusted_distance(
-            allowed.value,
-            arm_radius=rig.radius,
-            principal_angle=rig.phi,
-            column_step=rig.step,
-            relative=allowed.relative,
-        )
+    def trusted(rig: RigNumbers) -> str:
+        distance = rig.trusted_distance(allowed.value, relative=allowed.relative)
         return 'none' if math.isnan(distance) else f'{_millimetres(distance)} mm'
 
     return [
@@ -243,15 +167,15 @@ def _limits(rigs: list[_Rig], allowed: _Allowed) -> list[str]:
         f'{math.degrees(first.step):g}° a turn; φ by the {rule}',
         '',
         row('columns at ±', lambda rig: f'{rig.offset:g} px'),
-        row('2φ, exact pinhole', lambda rig: _degrees(2 * rig.exact)),
-        row("2φ, paper's linear rule (eq. 3)", lambda rig: _degrees(2 * rig.by_linear_rule)),
-        row('n, columns to search = depths (sec. 6.2)', lambda rig: f'{rig.columns}'),
+        row('2φ, exact pinhole', lambda rig: _degrees(2 * rig.pinhole_angle)),
+        row("2φ, paper's linear rule (eq. 3)", lambda rig: _degrees(2 * rig.linear_angle)),
+        row('n, columns to search = depths (sec. 6.2)', lambda rig: f'{rig.depths}'),
         row(
-            'nearest distance l_min', lambda rig: f'{_millimetres(rig.distance(rig.step / 2))} mm'
+            'nearest distance l_min', lambda rig: f'{_millimetres(rig.distance_of_columns(1))} mm'
         ),
         row(
             'farthest distance l_max',
-            lambda rig: f'{_millimetres(rig.distance(rig.columns * rig.step / 2))} mm',
+            lambda rig: f'{_millimetres(rig.distance_of_columns(rig.depths))} mm',
         ),
         row(f'trusted for {allowed} a column (sec. 6.4)', trusted),
     ]
@@ -261,44 +185,44 @@ def _degrees(angle: float) -> str:
     return f'{math.degrees(angle):.4f}°'
 
 
-def _table_1(rigs: list[_Rig]) -> list[str]:
+def _table_1(rigs: list[RigNumbers]) -> list[str]:
     """Write Table 1; as in the paper, errors are differences of the printed distances."""
     cells = ('l(θ − θ0/2)', 'l(θ)', 'l(θ + θ0/2)', 'error −', 'error +')
     lines = ['', _row('one column off, in mm (Table 1)', cells)]
     for share, name in ((1 / 4, 'φ/4'), (7 / 8, '7φ/8')):
         for rig in rigs:
-            theta, half = share * rig.phi, rig.step / 2
+            theta, half = share * rig.principal_angle, rig.step / 2
             near, at, far = (round(rig.distance(theta + side), 4) for side in (-half, 0.0, half))
             values = (near, at, far, at - near, far - at)
             lines.append(
                 _row(
-                    f'  2φ = {_degrees(2 * rig.phi)}, θ = {name}',
+                    f'  2φ = {_degrees(2 * rig.principal_angle)}, θ = {name}',
                     (_millimetres(value, 1) for value in values),
                 )
             )
     return lines
 
 
-def _table_2(rigs: list[_Rig]) -> list[str]:
+def _table_2(rigs: list[RigNumbers]) -> list[str]:
     """Write Table 2 as it is, and as the paper has it: of distances in whole millimetres."""
     lines = ['', _row('one column off, in mm (Table 2)', ('exact', 'as printed'))]
     for name, choose in (
         ('Δl_min', lambda rig: (1, 2)),
-        ('Δl_max', lambda rig: (rig.columns - 1, rig.columns)),
+        ('Δl_max', lambda rig: (rig.depths - 1, rig.depths)),
     ):
         for rig in rigs:
-            near, far = (rig.distance(dx * rig.step / 2) for dx in choose(rig))
+            near, far = (rig.distance_of_columns(dx) for dx in choose(rig))
             printed = round(1000 * far) - round(1000 * near)
             lines.append(
                 _row(
-                    f'  2φ = {_degrees(2 * rig.phi)}, {name}',
+                    f'  2φ = {_degrees(2 * rig.principal_angle)}, {name}',
                     (f'{1000 * (far - near):.2f}', f'{printed}'),
                 )
             )
     return lines
 
 
-def _at_distances(rig: _Rig, distances: list[float], allowed: _Allowed) -> list[str]:
+def _at_distances(rig: RigNumbers, distances: list[float], allowed: _Allowed) -> list[str]:
     lines = [
         '',
         _row(
@@ -308,8 +232,7 @@ def _at_distances(rig: _Rig, distances: list[float], allowed: _Allowed) -> list[
         + f'   {allowed} takes',
     ]
     for distance in distances:
-        theta = eq.theta_at(distance, arm_radius=rig.radius, principal_angle=rig.phi)
-        near, far = rig.errors(theta)
+        near, far = rig.errors_at(distance)
         costs = '∞' if math.isnan(far) else f'{far:.3f} m'
         lines.append(
             _row(
@@ -325,36 +248,38 @@ def _at_distances(rig: _Rig, distances: list[float], allowed: _Allowed) -> list[
     return lines
 
 
-def _needed(rig: _Rig, distance: float, allowed_error: float) -> str:
+def _needed(rig: RigNumbers, distance: float, allowed_error: float) -> str:
     """Say which radius, and which columns, keep an error at a distance."""
-    circle = eq.needed_viewing_circle(allowed_error, distance, rig.step)
-    radius = circle / math.sin(rig.phi)
+    radius = rig.needed_radius(allowed_error, distance)
+    offset = rig.needed_offset(allowed_error, distance)
     by_radius = (
-        f'r ≥ {1000 * radius:.0f} mm' if radius < distance else 'no radius (it would reach there)'
+        'no radius (it would reach there)'
+        if math.isnan(radius)
+        else f'r ≥ {math.ceil(1000 * radius - 1e-6)} mm'
     )
-    share = circle / rig.radius
-    offset = rig.offset_of(math.asin(share)) if share < 1 else math.inf
     by_offset = (
-        f'columns ≥ ±{math.ceil(10 * offset - 1e-6) / 10:g} px'
-        if offset <= rig.outermost
-        else f'no column of this lens (±{rig.outermost:g} px)'
+        f'no column of this lens (±{rig.outermost:g} px)'
+        if math.isnan(offset)
+        else f'columns ≥ ±{math.ceil(10 * offset - 1e-6) / 10:g} px'
     )
     return f'{by_radius}, or {by_offset}'
 
 
-def _capture(rig: _Rig, arguments: argparse.Namespace) -> list[str]:
+def _capture(rig: RigNumbers, arguments: argparse.Namespace) -> list[str]:
     motor = Motor(
         speed=math.radians(arguments.speed),
         acceleration=math.radians(arguments.acceleration),
         settle_time=arguments.settle,
     )
+    if not 0 < arguments.sweep <= 360:
+        raise ValueError(f'sweep is {arguments.sweep:g}°; allowed: above 0°, at most 360°')
     columns = round(arguments.sweep / arguments.step)
-    widest = widest_stripe(rig.phi, rig.fov, rig.step)
+    widest = widest_stripe(rig.principal_angle, rig.fov, rig.step)
     stripes = arguments.stripe or sorted({1, widest})
     for stripe in stripes:
         if not 1 <= stripe <= widest:
             raise ValueError(
-                f'--stripe is {stripe}; allowed: 1 to {widest} columns, what the image holds '
+                f'stripe is {stripe}; allowed: 1 to {widest} columns, what the image holds '
                 f'about ±{rig.offset:g} px'
             )
     lines = [
@@ -389,7 +314,7 @@ def _capture_row(label: str, took: Capture) -> str:
 def _motor_steps(motor_steps: int, step: float) -> str:
     """Say how well whole motor steps make column steps."""
     if motor_steps < 1:
-        raise ValueError(f'--motor-steps is {motor_steps}; allowed: at least 1')
+        raise ValueError(f'motor-steps is {motor_steps}; allowed: at least 1')
     steps = step / 360 * motor_steps
     text = f'a column step is {steps:.3f} motor steps of {360 / motor_steps:.7f}°'
     if math.isclose(steps, round(steps), abs_tol=1e-6):
@@ -397,10 +322,10 @@ def _motor_steps(motor_steps: int, step: float) -> str:
     return f'{text}: columns lie up to {180 / motor_steps:.4f}° off'
 
 
-def _draw(rigs: list[_Rig], folder: Path) -> str:
+def _draw(rigs: list[RigNumbers], folder: Path) -> str:
     plots = plotting('plots_of_paper')
     folder.mkdir(parents=True, exist_ok=True)
-    curves = [plots.Curve(rig.radius, rig.phi, rig.step) for rig in rigs]
+    curves = [plots.Curve(rig.radius, rig.principal_angle, rig.step) for rig in rigs]
     plots.save_depth_curves(curves, folder / 'figure_4.png')
     plots.save_depth_circles(curves, folder / 'figure_5.png')
     return 'figure_4.png and figure_5.png'

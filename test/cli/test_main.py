@@ -25,7 +25,7 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
         assert text.split()[0] in out
 
 
-@pytest.mark.parametrize('command', ['record', 'replay'])
+@pytest.mark.parametrize('command', ['analyse', 'figures', 'ply', 'record', 'replay'])
 def test_command_has_help(capsys: pytest.CaptureFixture[str], command: str) -> None:
     code, out, _ = ended(capsys, command, '--help')
     assert code == 0

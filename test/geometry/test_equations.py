@@ -54,7 +54,7 @@ def test_table_1(phi, share, row):
     distances = 1000 * eq.radial_distance(
         [theta - half, theta, theta + half], arm_radius=R, principal_angle=phi
     )
-    assert distances == pytest.approx(row, abs=0.051)
+    assert tuple(round(float(distance), 1) for distance in distances) == row
     before, after = eq.one_column_errors(
         theta, arm_radius=R, principal_angle=phi, column_step=STEP
     )
@@ -129,3 +129,61 @@ def test_trusted_distance_is_unknown_when_no_distance_is_that_precise():
 def test_impossible_rig_is_refused_by_name(arguments, named):
     with pytest.raises(ValueError, match=named):
         eq.radial_distance(0.1, **arguments)
+
+
+def test_pinhole_angle_is_that_of_a_camera_with_this_view():
+    # 34 degrees over 160 columns: f = 80/tan 17 degrees; columns 141 apart are at 70.5 px.
+    f = 80 / math.tan(math.radians(17))
+    phi = eq.pinhole_principal_angle(math.radians(34), 160, 141)
+    assert phi == pytest.approx(math.atan(70.5 / f), abs=1e-15)
+    assert math.degrees(phi) == pytest.approx(15.0789, abs=1e-4)
+    # The linear rule is off by 0.1 degree: 6.6 % of the distance at 3 m.
+    linear = eq.linear_principal_angle(math.radians(34), 160, 141)
+    assert math.degrees(phi - linear) == pytest.approx(0.0976, abs=1e-4)
+
+
+@pytest.mark.parametrize('columns', [1.0, 17.0, 141.0])
+def test_separations_are_the_inverse_of_the_angles(columns):
+    view = math.radians(34)
+    pinhole = eq.pinhole_principal_angle(view, 160, columns)
+    assert eq.pinhole_separation(view, 160, pinhole) == pytest.approx(columns)
+    linear = eq.linear_principal_angle(view, 160, columns)
+    assert eq.linear_separation(view, 160, linear) == pytest.approx(columns)
+
+
+@pytest.mark.parametrize('distance', [0.31, 1.0, 3.0, 50.0])
+def test_theta_at_a_distance_is_the_inverse_of_equation_2(distance):
+    theta = eq.theta_at(distance, arm_radius=R, principal_angle=WIDE)
+    found = eq.radial_distance(theta, arm_radius=R, principal_angle=WIDE)
+    assert float(found) == pytest.approx(distance, rel=1e-12)
+
+
+@pytest.mark.parametrize('distance', [0.2, 0.3, math.inf, math.nan])
+def test_theta_within_the_circle_of_the_camera_is_refused(distance):
+    with pytest.raises(ValueError, match=r'distance is .* above the arm_radius of 0.3 m'):
+        eq.theta_at(distance, arm_radius=R, principal_angle=WIDE)
+
+
+@pytest.mark.parametrize(('distance', 'allowed'), [(1.0, 0.05), (3.0, 0.15), (3.0, 2.0)])
+def test_needed_viewing_circle_has_the_allowed_error(distance, allowed):
+    circle = eq.needed_viewing_circle(allowed, distance, STEP)
+    for phi in (WIDE, math.radians(40.0)):  # whatever makes up the circle
+        rig = {'arm_radius': circle / math.sin(phi), 'principal_angle': phi}
+        theta = eq.theta_at(distance, **rig)
+        assert eq.one_column_errors(theta, column_step=STEP, **rig)[1] == pytest.approx(allowed)
+
+
+@pytest.mark.parametrize(('allowed', 'distance'), [(0.0, 1.0), (0.1, 0.0)])
+def test_needed_viewing_circle_of_nothing_is_refused(allowed, distance):
+    with pytest.raises(ValueError, match='both above 0'):
+        eq.needed_viewing_circle(allowed, distance, STEP)
+
+
+def test_trusted_distance_for_a_share_of_the_distance():
+    rig = {'arm_radius': R, 'principal_angle': WIDE, 'column_step': STEP}
+    trusted = eq.trusted_distance(0.05, relative=True, **rig)
+    columns = np.arange(1, 150)
+    distances = eq.radial_distance(columns * STEP / 2, arm_radius=R, principal_angle=WIDE)
+    k = int(np.flatnonzero(distances == trusted)[0])
+    assert distances[k] - distances[k - 1] <= 0.05 * distances[k]
+    assert distances[k + 1] - distances[k] > 0.05 * distances[k + 1]

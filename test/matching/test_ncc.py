@@ -12,6 +12,7 @@ from matching_scenes import noise_image, pair_of, shifted_pair, texture
 from panodepth_ros.matching import Correspondence
 from panodepth_ros.matching import match as match_by
 from panodepth_ros.matching.correlation import tile_columns
+from panodepth_ros.matching.ncc import match_ncc
 
 match = partial(match_by, method='ncc')
 
@@ -252,3 +253,21 @@ def test_occluded_stripe_is_not_confirmed() -> None:
     assert np.isnan(hidden).mean() > 0.7
     assert np.nanmedian(result.column_disparity[:, 110:130]) == pytest.approx(6, abs=0.05)
     assert np.nanmedian(result.column_disparity[:, 200:250]) == pytest.approx(16, abs=0.05)
+
+
+def test_without_back_correlation_the_best_candidate_stands() -> None:
+    rng = np.random.default_rng(34)
+    left, right = noise_image(rng, 12, 90), noise_image(rng, 12, 90)
+    pair = pair_of(left, right, 20)
+    everything = np.ones(90, bool)
+    rho = definition(left, right, 20, everything, everything)
+    free = match_ncc(*pair, (), 1, back_correlation=False)
+    np.testing.assert_array_equal(np.rint(free.column_disparity), rho.argmax(axis=2) + 1)
+    held = match_ncc(*pair, (), 1)
+    kept = np.isfinite(held.column_disparity)
+    assert 0.2 < kept.mean() < 0.8  # of unrelated images
+    for ours, theirs in (
+        (held.column_disparity, free.column_disparity),
+        (held.confidence, free.confidence),
+    ):
+        np.testing.assert_array_equal(ours[kept], theirs[kept])
