@@ -14,18 +14,20 @@ from panodepth_ros.analysis import RigNumbers
 from panodepth_ros.capture_time import Capture, Motor, continuous, stop_and_go, widest_stripe
 from panodepth_ros.cli.plotting import PlottingError, plotting
 
-#: What ``--paper`` stands for: the rig of Tables 1 and 2, and its 1501 images.
-_PAPER = MappingProxyType(
+#: The rig's numbers where they are not given.
+_DEFAULTS = MappingProxyType(
     {
         'radius': 0.30,
         'fov': 34.0,
         'width': 160,
-        'offset': [70.5, 8.5],
+        'offset': [70.5],
         'step': 0.2,
-        'linear': True,
-        'sweep': 300.2,
+        'linear': False,
+        'sweep': 360.0,
     }
 )
+#: The same with ``--paper``: the columns and the rule of Tables 1 and 2, and its 1501 images.
+_PAPER = MappingProxyType({**_DEFAULTS, 'offset': [70.5, 8.5], 'linear': True, 'sweep': 300.2})
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,22 +59,26 @@ _allowed.__name__ = 'error (metres such as 0.2, or a share such as 5%)'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     add = parser.add_argument
-    add('--paper', action='store_true', help="the paper's rig and rules; overrides the rig's")
+    add('--paper', action='store_true', help="the paper's rig where nothing else is given")
     rig = parser.add_argument_group('rig')
     add = rig.add_argument
-    add('--radius', type=float, default=0.30, metavar='M', help='arm (%(default)s m)')
-    add('--fov', type=float, default=34.0, metavar='DEG', help='horizontal view (%(default)s°)')
-    add('--width', type=int, default=160, metavar='PX', help='image width (%(default)s px)')
+    add('--radius', type=float, metavar='M', help='arm (0.3 m)')
+    add('--fov', type=float, metavar='DEG', help='horizontal view (34°)')
+    add('--width', type=int, metavar='PX', help='image width (160 px)')
     add(
         *('--offset',),
         type=float,
         nargs='+',
-        default=[70.5],
         metavar='PX',
         help="the eyes' columns, from the middle of the image; several to compare (70.5 px)",
     )
-    add('--step', type=float, default=0.2, metavar='DEG', help='column step (%(default)s°)')
-    add('--linear', action='store_true', help="φ by the paper's linear rule (eq. 3)")
+    add('--step', type=float, metavar='DEG', help='column step (0.2°)')
+    add(
+        *('--linear',),
+        action='store_const',
+        const=True,
+        help="φ by the paper's linear rule (eq. 3)",
+    )
     question = parser.add_argument_group('questions')
     add = question.add_argument
     add(
@@ -93,7 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     capture = parser.add_argument_group('capture')
     add = capture.add_argument
-    add('--sweep', type=float, default=360.0, metavar='DEG', help='sweep (%(default)s°)')
+    add('--sweep', type=float, metavar='DEG', help='sweep (360°)')
     add('--motor-steps', type=int, metavar='N', help='motor steps of a full turn of the arm')
     add('--speed', type=float, default=30.0, metavar='DEG_S', help='motor (%(default)s °/s)')
     add('--acceleration', type=float, default=3600.0, metavar='DEG_S2', help='(%(default)s °/s²)')
@@ -113,8 +119,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the analysis; return the exit code."""
-    if arguments.paper:
-        vars(arguments).update(_PAPER)
+    for name, value in (_PAPER if arguments.paper else _DEFAULTS).items():
+        if getattr(arguments, name) is None:
+            setattr(arguments, name, value)
     try:
         rigs = [_rig(arguments, offset) for offset in arguments.offset]
         lines = [*_limits(rigs, arguments.allow), *_table_1(rigs), *_table_2(rigs)]

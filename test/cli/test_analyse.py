@@ -49,6 +49,17 @@ def test_arguments_equal_to_the_papers_give_the_papers_numbers(capsys):
     assert analysed(capsys, *rig.split()) == paper
 
 
+def test_what_is_given_beside_the_paper_counts(capsys):
+    # Sec. 6.3: twice the radius makes twice the distances and twice the errors.
+    lines = analysed(capsys, '--paper', '--radius', '0.6')
+    assert 'farthest distance l_max 109375 mm 173372 mm' in lines
+    assert '2φ = 29.9625°, θ = 7φ/8 4505.8 4746.3 5014 240.5 267.7' in lines
+    # Half the step halves the errors, nearly.
+    lines = analysed(capsys, '--paper', '--step', '0.1')
+    assert '2φ = 29.9625°, θ = 7φ/8 2311.5 2373.2 2438.2 61.7 65' in lines
+    assert 'n, columns to search = depths (sec. 6.2) 299 36' in lines
+
+
 def test_the_exact_angle_is_the_default(capsys):
     lines = analysed(capsys, '--at', '3')
     assert lines[0].endswith('φ by the exact pinhole')
