@@ -120,11 +120,15 @@ class DepthScore:
         is off by more than one column.
     median_error : float
         Median relative error of the distance of the pixels that hold one.
+    columns_off : float
+        How far off the column disparity of two thirds of those pixels is at most [columns]; the
+        standard deviation if errors were normal.
     """
 
     kept: float
     wrong: float
     median_error: float
+    columns_off: float
 
 
 def score_depth(
@@ -167,6 +171,7 @@ def score_depth(
         kept=float((have & visible).sum() / visible.sum()),
         wrong=float(np.mean(columns_off > 1)),
         median_error=float(np.median(np.abs(measured / true - 1))),
+        columns_off=float(np.percentile(columns_off, 68.3)),
     )
 
 

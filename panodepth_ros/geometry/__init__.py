@@ -2,7 +2,14 @@
 
 from panodepth_ros.geometry.camera import PinholeCamera
 from panodepth_ros.geometry.mounting import ALIGNED, Mounting
-from panodepth_ros.geometry.omnistereo import Points, check_pair, pair_search_range, triangulate
+from panodepth_ros.geometry.omnistereo import (
+    Points,
+    check_pair,
+    distance_stddev,
+    locate,
+    pair_search_range,
+    triangulate,
+)
 from panodepth_ros.geometry.panorama import Panorama, PanoramaGeometry
 
 __all__ = [
@@ -13,6 +20,8 @@ __all__ = [
     'PinholeCamera',
     'Points',
     'check_pair',
+    'distance_stddev',
+    'locate',
     'pair_search_range',
     'triangulate',
 ]

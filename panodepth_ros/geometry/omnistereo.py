@@ -90,8 +90,8 @@ def triangulate(
     -----
     A left ray touches the circle a = r·sin(−ψ_L), a right ray the circle b = r·sin ψ_R. With
     Δ = β_R − β_L they meet at l = √(a² + b² + 2ab·cos Δ) / sin Δ; for a = b this is eq. 2,
-    l = r0 / sin(δ/2). The azimuth follows from the left ray, α = β_L + asin(a/l), which for
-    a = b is (β_L + β_R)/2. Height: z = d·slope, d = √(l² − a²) − r·cos ψ_L.
+    l = r0 / sin(δ/2). Azimuth and height follow from the left ray, see :func:`locate`; for
+    a = b the azimuth is (β_L + β_R)/2.
     """
     check_pair(left, right)
     if column_disparity.shape != (left.rows, left.columns):
@@ -110,13 +110,82 @@ def triangulate(
     delta = (delta + np.pi) % (2 * np.pi) - np.pi
     with np.errstate(divide='ignore', invalid='ignore'):
         distance = np.sqrt(a**2 + b**2 + 2 * a * b * np.cos(delta)) / np.sin(delta)
-        ahead = (delta > 0) & (delta < np.pi) & (distance > left.arm_radius)
-        distance = np.where(ahead, distance, np.nan)
-        azimuth = beta_left + np.arcsin(a / distance)
-        d = np.sqrt(distance**2 - a**2) - left.arm_radius * np.cos(ray_angle_left)
-    height = d * left.slope(np.arange(left.rows))[:, np.newaxis]
+        ahead = (delta > 0) & (delta < np.pi)
+    return locate(np.where(ahead, distance, np.nan), left)
+
+
+def locate(radial_distance: npt.NDArray[np.floating], panorama: PanoramaGeometry) -> Points:
+    """
+    Points from the distances of a panorama's pixels.
+
+    Parameters
+    ----------
+    radial_distance : ndarray of float, shape (H, W)
+        Horizontal distance from the axis [m]; NaN where unknown.
+    panorama : PanoramaGeometry
+        Whose pixels they are.
+
+    Returns
+    -------
+    Points
+        NaN where unknown, where a ray is unseen and within the arm's circle.
+
+    Raises
+    ------
+    ValueError
+        If the distances have another size than the panorama.
+
+    Notes
+    -----
+    A ray touches the circle of signed radius c = r·sin ψ and meets a distance l at the azimuth
+    α = β − asin(c/l), d = √(l² − c²) − r·cos ψ from the optical centre. Height: z = d·slope.
+    """
+    if radial_distance.shape != (panorama.rows, panorama.columns):
+        raise ValueError(
+            f'radial_distance has shape {radial_distance.shape}; '
+            f'allowed: {(panorama.rows, panorama.columns)}, as the panorama'
+        )
+    beta = panorama.ray_azimuth(np.arange(panorama.columns))
+    c = panorama.arm_radius * np.sin(panorama.ray_angle)
+    with np.errstate(invalid='ignore'):
+        ahead = (radial_distance > panorama.arm_radius) & panorama.seen
+        distance = np.where(ahead, radial_distance, np.nan).astype(np.float64)
+        azimuth = beta - np.arcsin(c / distance)
+        d = np.sqrt(distance**2 - c**2) - panorama.arm_radius * np.cos(panorama.ray_angle)
+    height = d * panorama.slope(np.arange(panorama.rows))[:, np.newaxis]
     azimuth = (azimuth + np.pi) % (2 * np.pi) - np.pi
     return Points(radial_distance=distance, azimuth=azimuth, height=height)
+
+
+def distance_stddev(
+    radial_distance: npt.NDArray[np.floating], left: PanoramaGeometry, disparity_stddev: float
+) -> npt.NDArray[np.float64]:
+    """
+    Standard deviation of distances, to first order in the noise of the disparity.
+
+    Parameters
+    ----------
+    radial_distance : ndarray of float, shape (H, W)
+        l [m] on the left panorama's grid; NaN where unknown.
+    left : PanoramaGeometry
+        Left panorama of a symmetric pair.
+    disparity_stddev : float
+        Standard deviation of the column disparity [columns].
+
+    Returns
+    -------
+    ndarray of float64, shape (H, W)
+        [m]; NaN where unknown.
+
+    Notes
+    -----
+    l = r0/sin(δ/2) (eq. 2), so |dl/dδ| = l·√(l² − r0²)/(2·r0), and δ changes by θ0 a column.
+    """
+    r0 = left.arm_radius * np.sin(-left.ray_angle)
+    l = radial_distance.astype(np.float64)  # noqa: E741 - the paper's letter
+    with np.errstate(invalid='ignore'):
+        slope = l * np.sqrt(l**2 - r0**2) / (2 * r0)
+    return np.asarray(slope * left.column_step * disparity_stddev)
 
 
 def _at_columns(

@@ -5,7 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from panodepth_ros.geometry import PanoramaGeometry, pair_search_range, triangulate
+from panodepth_ros.geometry import (
+    PanoramaGeometry,
+    distance_stddev,
+    locate,
+    pair_search_range,
+    triangulate,
+)
+from panodepth_ros.geometry.equations import radial_distance
 
 COLUMNS, ROWS = 1800, 5
 STEP = 2 * math.pi / COLUMNS
@@ -106,3 +113,44 @@ def test_search_range_of_a_pair():
 def test_what_is_no_pair_is_refused_by_name(left, right, named):
     with pytest.raises(ValueError, match=named):
         pair_search_range(left, right)
+
+
+def test_distances_alone_give_the_triangulated_points_again():
+    left, right = geometry(-PHI), geometry(PHI)
+    dx = np.random.default_rng(3).uniform(5, 140, (ROWS, COLUMNS))
+    dx[2, 50:60] = np.nan
+    points = triangulate(dx, left, right)
+    again = locate(points.radial_distance, left)
+    assert np.array_equal(again.azimuth, points.azimuth, equal_nan=True)
+    assert np.array_equal(again.height, points.height, equal_nan=True)
+    x, y, z = np.moveaxis(points.xyz(), -1, 0)
+    assert np.hypot(x, y) == pytest.approx(points.radial_distance, nan_ok=True)
+    assert np.arctan2(y, x) == pytest.approx(points.azimuth, nan_ok=True)
+    assert np.array_equal(z, points.height, equal_nan=True)
+
+
+def test_right_eye_locates_the_same_point():
+    left, right = geometry(-PHI), geometry(PHI)
+    distance = np.full((ROWS, COLUMNS), 2.0)
+    half_turn = math.asin(R * math.sin(PHI) / 2.0)
+    azimuths = [locate(distance, eye).azimuth[0, 900] for eye in (left, right)]
+    betas = [float(eye.ray_azimuth(900)) for eye in (left, right)]
+    assert azimuths[0] == pytest.approx(betas[0] + half_turn)
+    assert azimuths[1] == pytest.approx(betas[1] - half_turn)
+
+
+def test_distances_of_another_size_and_within_the_arm_are_no_points():
+    with pytest.raises(ValueError, match=r'radial_distance has shape \(5, 7\)'):
+        locate(np.ones((ROWS, 7)), geometry(-PHI))
+    assert np.isnan(locate(np.full((ROWS, COLUMNS), 0.29), geometry(-PHI)).azimuth).all()
+
+
+@pytest.mark.parametrize('dx', [10.0, 90.0, 140.0])
+def test_standard_deviation_is_the_derivative_of_the_distance(dx):
+    def distance(columns):
+        return float(radial_distance(columns * STEP / 2, arm_radius=R, principal_angle=PHI))
+
+    at = np.full((ROWS, COLUMNS), distance(dx))
+    small = 1e-3
+    expected = 0.25 * (distance(dx + small) - distance(dx - small)) / (2 * small)
+    assert distance_stddev(at, geometry(-PHI), 0.25) == pytest.approx(expected, rel=1e-5)

@@ -8,14 +8,16 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from fixtures.diagnostics import Diagnosis
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import CameraInfo, Image, LaserScan
+from sensor_msgs.msg import CameraInfo, Image, LaserScan, PointCloud2
 from std_msgs.msg import Header
 
 from panodepth_ros.geometry import PanoramaGeometry
-from panodepth_ros.nodes.depth import Depth, DepthParameters
+from panodepth_ros.nodes import depth as depth_module
+from panodepth_ros.nodes.depth import DISPARITY_STDDEV, Depth, DepthParameters
 from panodepth_ros.ros.images import to_array, to_message
 from panodepth_ros.ros.messages import panorama_info, to_stamp
 from panodepth_ros.ros.parameters import ParameterError
+from panodepth_ros.ros.pointcloud import POINT
 from panodepth_ros.scan import ScanSettings
 
 pytestmark = pytest.mark.ros
@@ -123,6 +125,45 @@ def test_wall_of_known_distance(ros):
     for message in got.values():
         assert message.header == Header(stamp=to_stamp(10**9), frame_id='panodepth')
     assert got['depth/camera_info'].distortion_model == 'cylindrical'
+
+
+def test_points_lie_on_the_wall_of_the_depth_image(ros):
+    bench = Bench(ros, min_confidence=0.5)
+    clouds = []
+    bench.node.create_subscription(PointCloud2, 'points', clouds.append, 10)
+    ros.spin_until(lambda: bench.depth.count_subscribers('points'), 'the points listener')
+    bench.send()
+    depth = to_array(bench.results()['depth/image'])
+    ros.spin_until(lambda: clouds, 'points')
+    cloud = clouds[0]
+    assert cloud.header == Header(stamp=to_stamp(10**9), frame_id='panodepth')
+    points = np.frombuffer(cloud.data, POINT).reshape(cloud.height, cloud.width)
+    known = np.isfinite(depth)
+    assert known.any()
+    assert np.array_equal(np.isfinite(points['x']), known)
+    assert np.hypot(points['x'], points['y'])[known] == pytest.approx(depth[known], rel=1e-6)
+    # The left eye's ray passes left of the axis: the point's azimuth is not the column's.
+    column, turn = 100, (360 / 2 - 100) * STEP - PHI
+    azimuth = turn + math.asin(R * math.sin(PHI) / DISTANCE)
+    x, y = DISTANCE * math.cos(azimuth), DISTANCE * math.sin(azimuth)
+    assert np.nanmedian(points['x'][:, column]) == pytest.approx(x, abs=5e-3)
+    assert np.nanmedian(points['y'][:, column]) == pytest.approx(y, abs=5e-3)
+    farther, nearer = (
+        R * math.sin(PHI) / math.sin(PHI - (DISPARITY + columns) * STEP / 2)
+        for columns in (0.05, -0.05)
+    )
+    expected = 10 * (farther - nearer) * DISPARITY_STDDEV
+    assert np.nanmedian(points['stddev']) == pytest.approx(expected, rel=0.02)
+
+
+def test_points_are_made_only_for_subscribers(ros, monkeypatch):
+    def fail(*_):
+        raise ValueError('nobody asked for points')
+
+    monkeypatch.setattr(depth_module, 'point_cloud', fail)
+    bench = Bench(ros)
+    bench.send()
+    assert bench.results()['scan'].header.stamp.sec == 1
 
 
 def test_pixels_of_little_confidence_are_unknown_in_depth(ros):
