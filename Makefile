@@ -35,7 +35,7 @@ $(INSTALLED): setup.py pyproject.toml requirements/$(DISTRO).txt
 	@rm -rf $(VENV)
 	@$(PYTHON) -m venv $(VENV)
 	@touch $(VENV)/COLCON_IGNORE
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(DISTRO),bag,plot,test]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(DISTRO),bag,plot,report,test]'
 	@touch $@
 
 clean:

@@ -45,6 +45,7 @@ setup(
         'kilted': pinned('kilted'),
         'bag': ['rosbags>=0.11.6'],
         'plot': ['matplotlib>=3.6'],
+        'report': ['plotly>=5.18'],
         'test': [
             'colcon-common-extensions==0.3.0',
             'hypothesis>=6.80',
@@ -64,6 +65,7 @@ setup(
             'mosaicer = panodepth_ros.nodes.mosaicer:main',
             'depth = panodepth_ros.nodes.depth:main',
             'check_scan = panodepth_ros.nodes.check_scan:main',
+            'views = panodepth_ros.nodes.views:main',
             'simulated_arm = panodepth_ros.cli.simulated_arm:main',
             'panodepth_ros = panodepth_ros.cli.main:main',
         ],

@@ -10,8 +10,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CORE = (
-    *('geometry', 'mosaic', 'matching', 'scan', 'evaluation', 'scan_check', 'frame_motion'),
-    *('analysis', 'capture_time', 'ply'),
+    *('geometry', 'mosaic', 'matching', 'scan', 'views', 'evaluation'),
+    *('scan_check', 'frame_motion', 'analysis', 'capture_time', 'ply'),
 )
 
 #: rosdep keys, each looked up in rosdistro's rosdep/*.yaml or a package of the distribution.
@@ -22,8 +22,8 @@ ROSDEP_KEYS = {
 }
 ROS_PACKAGES = {
     *('rclpy', 'rcl_interfaces', 'builtin_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs'),
-    *('diagnostic_msgs', 'launch', 'launch_ros', 'ros2launch', 'ament_index_python'),
-    'tf2_msgs',
+    *('geometry_msgs', 'tf2_msgs', 'diagnostic_msgs'),
+    *('launch', 'launch_ros', 'ros2launch', 'ament_index_python'),
 }
 
 

@@ -10,6 +10,7 @@ from panodepth_ros.nodes.camera import CameraParameters
 from panodepth_ros.nodes.check_scan import CheckScanParameters
 from panodepth_ros.nodes.depth import DepthParameters
 from panodepth_ros.nodes.mosaicer import MosaicerParameters
+from panodepth_ros.nodes.views import ViewsParameters
 from panodepth_ros.ros.parameters import markdown_table
 
 README = Path(__file__).resolve().parents[1] / 'README.md'
@@ -19,6 +20,7 @@ TABLES = {
     'mosaicer': MosaicerParameters,
     'depth': DepthParameters,
     'check_scan': CheckScanParameters,
+    'views': ViewsParameters,
 }
 
 
