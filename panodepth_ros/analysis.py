@@ -84,6 +84,16 @@ class RigNumbers:
         return self.linear_angle if self.linear else self.pinhole_angle
 
     @property
+    def viewing_circle_radius(self) -> float:
+        """r0 = r·sin φ [m] (sec. 4)."""
+        return self.radius * math.sin(self.principal_angle)
+
+    @property
+    def image_columns_of_a_step(self) -> float:
+        """W_s, what one step uncovers [px] (sec. 3)."""
+        return eq.stripe_width(self.width, self.fov, self.step)
+
+    @property
     def depths(self) -> int:
         """n, columns to search and distances that can be told apart (secs. 6.2, 6.3)."""
         return eq.search_range(self.principal_angle, self.step)

@@ -14,6 +14,8 @@ from panodepth_ros.analysis import RigNumbers
 from panodepth_ros.capture_time import Capture, Motor, continuous, stop_and_go, widest_stripe
 from panodepth_ros.cli.plotting import PlottingError, plotting
 
+#: Distances whose error is told if none are asked for [m].
+_DISTANCES = (0.5, 1.0, 2.0, 3.0, 4.0)
 #: The rig's numbers where they are not given.
 _DEFAULTS = MappingProxyType(
     {
@@ -85,9 +87,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         *('--at',),
         type=float,
         nargs='+',
-        default=[0.5, 1.0, 2.0, 3.0, 4.0],
         metavar='M',
-        help='distances to tell the error of (0.5 1 2 3 4 m)',
+        help='distances to tell the error of (those of 0.5 1 2 3 4 m outside of the arm)',
     )
     add(
         *('--allow',),
@@ -126,7 +127,8 @@ def run(arguments: argparse.Namespace) -> int:
         rigs = [_rig(arguments, offset) for offset in arguments.offset]
         lines = [*_limits(rigs, arguments.allow), *_table_1(rigs), *_table_2(rigs)]
         for rig in rigs:
-            lines += _at_distances(rig, arguments.at, arguments.allow)
+            outside = [distance for distance in _DISTANCES if distance > rig.radius]
+            lines += _at_distances(rig, arguments.at or outside, arguments.allow)
         lines += _capture(rigs[0], arguments)
         print('\n'.join(lines))
         if arguments.figures is not None:
@@ -176,6 +178,14 @@ def _limits(rigs: list[RigNumbers], allowed: _Allowed) -> list[str]:
         row('columns at ±', lambda rig: f'{rig.offset:g} px'),
         row('2φ, exact pinhole', lambda rig: _degrees(2 * rig.pinhole_angle)),
         row("2φ, paper's linear rule (eq. 3)", lambda rig: _degrees(2 * rig.linear_angle)),
+        row(
+            'viewing circle r0 = r·sin φ (sec. 4)',
+            lambda rig: f'{_millimetres(rig.viewing_circle_radius, 1)} mm',
+        ),
+        row(
+            'image columns of a step, W_s (sec. 3)',
+            lambda rig: f'{rig.image_columns_of_a_step:.3f} px',
+        ),
         row('n, columns to search = depths (sec. 6.2)', lambda rig: f'{rig.depths}'),
         row(
             'nearest distance l_min', lambda rig: f'{_millimetres(rig.distance_of_columns(1))} mm'

@@ -39,6 +39,27 @@ def view_angle(image_width: int, shift_px: float, rotation: float) -> float:
     return image_width / shift_px * rotation
 
 
+def stripe_width(image_width: int, angle_of_view: float, rotation: float) -> float:
+    """
+    Image columns that a rotation uncovers, W_s = x0·θ0 with x0 = W/α (sec. 3).
+
+    Parameters
+    ----------
+    image_width : int
+        W [px].
+    angle_of_view : float
+        Horizontal view angle α [rad].
+    rotation : float
+        Turn of the arm between two images, θ0 for a single column [rad].
+
+    Returns
+    -------
+    float
+        [px], by the linear rule of eq. 1.
+    """
+    return image_width / angle_of_view * rotation
+
+
 def linear_principal_angle(angle_of_view: float, image_width: int, separation_px: float) -> float:
     """
     Principal angle by the paper's linear rule, 2φ = α·W_2φ/W (eq. 3).

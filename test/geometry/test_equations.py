@@ -18,6 +18,12 @@ def test_view_angle_of_the_paper_follows_from_its_resolution():
     assert math.degrees(eq.view_angle(160, 1.0, math.radians(34 / 160))) == pytest.approx(34)
 
 
+def test_a_rotation_by_the_view_angle_uncovers_the_whole_image():
+    assert eq.stripe_width(160, math.radians(34), math.radians(34)) == pytest.approx(160)
+    # W_s inverts eq. 1: a shift of 1 px is what 34/160 degrees uncover.
+    assert eq.stripe_width(160, math.radians(34), math.radians(0.2125)) == pytest.approx(1)
+
+
 def test_linear_principal_angle_gives_the_papers_angles():
     # Eq. 3 with 34 degrees over 160 columns: 141 and 17 columns apart.
     two_phi = [
