@@ -81,7 +81,14 @@ def report(
         title=f'{scan_score.within_5_percent:.1%} of the beams within 5 % of the true room',
     )
     (output / 'scan.json').write_text(
-        json.dumps(_as_json(scan, depth_score, scan_score), indent=1)
+        json.dumps(
+            {
+                **_as_json(scan, depth_score, scan_score),
+                'height_band': band,
+                'room_seed': room_seed,
+            },
+            indent=1,
+        )
     )
     _print_accuracy(depth_score, scan_score)
     names = 'left.png, right.png, depth.png, confidence.png, ground_plan.png, scan.json and bag'

@@ -14,6 +14,7 @@ COMMANDS = {
     'ply': 'Write the coloured points of a recorded sweep as a PLY file.',
     'record': 'Record topics into a bag.',
     'replay': 'Publish the messages of a bag.',
+    'report': 'Write a sweep as one HTML page, from a bag or a folder of the demo.',
 }
 """Subcommand to its help; each is a module here with ``add_arguments`` and ``run``."""
 

@@ -1,0 +1,61 @@
+"""``panodepth_ros report``: a sweep as one HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from pathlib import Path
+
+from panodepth_ros.bag import BagError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        'recording',
+        type=Path,
+        help='folder that the demo wrote, or a bag with the panoramas, depth/image, '
+        'depth/confidence and scan',
+    )
+    parser.add_argument(
+        '-o',
+        '--output',
+        type=Path,
+        default=Path('report.html'),
+        help='file to write (%(default)s)',
+    )
+    parser.add_argument(
+        '--band',
+        nargs=2,
+        type=float,
+        metavar=('LOW', 'HIGH'),
+        help="height band of the scan [m] (default: the demo's own, else that of the depth node)",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the report; return the exit code."""
+    try:
+        # Both need packages that not everyone has.
+        recording = importlib.import_module('panodepth_ros.cli.recording')
+        report_page = importlib.import_module('panodepth_ros.cli.report_page')
+        found = recording.load(arguments.recording)
+        band = tuple(arguments.band) if arguments.band else None
+        text = report_page.html(found, name=arguments.recording.resolve().name, band=band)
+        arguments.output.write_text(text, encoding='utf-8')
+    except (BagError, OSError, ValueError) as error:
+        print(f'panodepth_ros report: {error}', file=sys.stderr)
+        return 1
+    except ModuleNotFoundError as error:
+        missing = (error.name or '').partition('.')[0]
+        remedy = {
+            'plotly': 'pip install plotly, or "panodepth_ros[report]"',
+            'sensor_msgs': 'source your ROS 2 installation, or pip install "panodepth_ros[jazzy]"',
+        }.get(missing)
+        if remedy is None:
+            raise
+        print(f'panodepth_ros report: {missing} is missing; {remedy}', file=sys.stderr)
+        return 1
+    print(f'wrote {arguments.output}, {len(text) / 1e6:.1f} MB')
+    return 0
