@@ -181,7 +181,7 @@ def nearest_visible(
     height: Array,
     visible: npt.NDArray[np.bool_],
     *,
-    signed_radius: float,
+    signed_radius: float | Array,
     band: tuple[float, float],
     beams: int,
 ) -> Array:
@@ -196,7 +196,7 @@ def nearest_visible(
         Where each column looks [rad].
     visible : ndarray of bool, shape (H, W)
         Pixels whose point the other eye sees, too.
-    signed_radius : float
+    signed_radius : float or ndarray of float64, shape (W,)
         r·sin ψ of the panorama's rays [m], negative for the left eye.
     band : (float, float)
         Lowest and highest height [m].

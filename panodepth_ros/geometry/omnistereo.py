@@ -102,7 +102,7 @@ def triangulate(
     dx = column_disparity.astype(np.float64)
     x_left = np.arange(left.columns, dtype=np.float64)[np.newaxis, :]
     ray_angle_left = left.ray_angle[np.newaxis, :]
-    ray_angle_right = _at_columns(right.ray_angle, x_left + dx)
+    ray_angle_right = right.ray_angle_at(x_left + dx)
     a = left.arm_radius * np.sin(-ray_angle_left)
     b = right.arm_radius * np.sin(ray_angle_right)
     beta_left = left.ray_azimuth(x_left)
@@ -186,16 +186,3 @@ def distance_stddev(
     with np.errstate(invalid='ignore'):
         slope = l * np.sqrt(l**2 - r0**2) / (2 * r0)
     return np.asarray(slope * left.column_step * disparity_stddev)
-
-
-def _at_columns(
-    ray_angle: npt.NDArray[np.float64], column: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
-    """Ray angle at real columns, linear between neighbours, wrapping; NaN beside an unseen one."""
-    matched = np.isfinite(column)
-    whole = np.floor(np.where(matched, column, 0.0))
-    share = np.where(matched, column, 0.0) - whole
-    index = whole.astype(np.int64) % ray_angle.size
-    low, high = ray_angle[index], ray_angle[(index + 1) % ray_angle.size]
-    between = np.where(share > 0, low + share * (high - low), low)
-    return np.where(matched, between, np.nan)

@@ -41,6 +41,9 @@ class PanoramaGeometry:
         How long the sweep took [s].
     ray_angle : ndarray of float64, shape (W,)
         ψ, angle from the arm to the ray of each column [rad]; NaN where no frame saw the column.
+    stripe_distance : float
+        l_s, distance from the axis at which columns of different ray angles join as those of one
+        angle would [m]; +inf if every column looks exactly along its own azimuth.
 
     Raises
     ------
@@ -57,6 +60,7 @@ class PanoramaGeometry:
     principal_angle: float
     sweep_duration: float
     ray_angle: npt.NDArray[np.float64]
+    stripe_distance: float = math.inf
 
     def __post_init__(self) -> None:
         for name in ('columns', 'rows', 'focal_length_px', 'arm_radius'):
@@ -80,6 +84,11 @@ class PanoramaGeometry:
             )
         if np.any(np.abs(self.ray_angle[self.seen]) >= math.pi / 2):
             raise ValueError('panorama ray_angle holds an angle outside (−π/2, π/2)')
+        if not self.stripe_distance > self.arm_radius:
+            raise ValueError(
+                f'panorama stripe_distance is {self.stripe_distance} m; '
+                f'allowed: above the arm_radius {self.arm_radius}'
+            )
 
     @property
     def column_step(self) -> float:
@@ -98,8 +107,36 @@ class PanoramaGeometry:
         return bool(np.all(deviation <= RAY_ANGLE_TOLERANCE))
 
     def ray_azimuth(self, column: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Azimuth β at which a column looks [rad], not wrapped; any shape, columns may be real."""
-        return (self.azimuth_column - np.asarray(column, np.float64)) * self.column_step
+        """
+        Azimuth β at which a column looks [rad], not wrapped; any shape, columns may be real.
+
+        Notes
+        -----
+        The ray of the principal angle at the column's place passes the point at l_s whose azimuth
+        is (azimuth_column − x)·θ0 − asin(r·sin φ / l_s), and the column's own ray passes it, too.
+        """
+        place = np.asarray(column, np.float64)
+        azimuth = (self.azimuth_column - place) * self.column_step
+        if math.isinf(self.stripe_distance) or self.uniform:
+            return azimuth
+        turn = self.stripe_turn(self.ray_angle_at(place))
+        return azimuth + np.where(np.isfinite(turn), turn, 0.0)
+
+    def stripe_turn(self, ray_angle: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """By how much a ray's azimuth exceeds that of the principal ray at its place [rad]."""
+        lever = self.arm_radius / self.stripe_distance
+        principal = math.asin(lever * math.sin(self.principal_angle))
+        return np.asarray(np.arcsin(lever * np.sin(ray_angle)) - principal)
+
+    def ray_angle_at(self, column: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Ray angle at real columns, linear between neighbours; NaN at NaN, beside unseen ones."""
+        matched = np.isfinite(column)
+        whole = np.floor(np.where(matched, column, 0.0))
+        share = np.where(matched, column, 0.0) - whole
+        index = whole.astype(np.int64) % self.columns
+        low, high = self.ray_angle[index], self.ray_angle[(index + 1) % self.columns]
+        between = np.where(share > 0, low + share * (high - low), low)
+        return np.where(matched, between, np.nan)
 
     def slope(self, row: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Height over horizontal distance from the camera centre, z/d, of a row; any shape."""

@@ -87,7 +87,7 @@ def candidate_range(left: PanoramaGeometry, right: PanoramaGeometry) -> tuple[in
     -------
     first, last : int
         1 and n = φ div θ0/2 (sec. 6.2) if equal columns were taken at equal arm azimuths; both
-        are shifted if the two panoramas start at different azimuths.
+        are shifted if the two panoramas start at different azimuths, and stripes move them apart.
 
     Raises
     ------
@@ -97,7 +97,10 @@ def candidate_range(left: PanoramaGeometry, right: PanoramaGeometry) -> tuple[in
     Notes
     -----
     A point at infinity has parallel rays, β_L = β_R, so dx is the difference of the azimuth
-    columns; a point on the arm's circle lies 2φ/θ0 columns below that. Both ends are excluded.
+    columns; a point on the arm's circle lies (ψ_R − ψ_L)/θ0 columns below that, 2φ/θ0 for the
+    principal rays. Both ends are excluded. Where stripes turn the eyes' rays farther apart than
+    2φ the near end moves by whole columns; a fraction, as of a quantised arm, shows only what
+    touches the lens. Where they turn their azimuths (``stripe_turn``), both ends move.
     """
     check_pair(left, right)
     span = 2 * right.principal_angle / right.column_step
@@ -106,6 +109,16 @@ def candidate_range(left: PanoramaGeometry, right: PanoramaGeometry) -> tuple[in
     tolerance = 1e-6
     first = math.floor(nearest + tolerance) + 1
     last = math.ceil(nearest + span - tolerance) - 1
+    if left.seen.any() and right.seen.any():
+        turns = [eye.stripe_turn(eye.ray_angle) / eye.column_step for eye in (left, right)]
+        angles = [
+            eye.ray_angle / eye.column_step - turn
+            for eye, turn in zip((left, right), turns, strict=True)
+        ]
+        widest = float(np.nanmax(angles[1]) - np.nanmin(angles[0]))
+        farthest = float(np.nanmax(turns[1]) - np.nanmin(turns[0]))
+        first -= math.floor(max(widest - span, 0.0) + tolerance)
+        last += math.ceil(max(farthest, 0.0) - tolerance)
     return first, last
 
 

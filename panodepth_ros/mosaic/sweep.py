@@ -11,8 +11,11 @@ import numpy.typing as npt
 from panodepth_ros.geometry import ALIGNED, Mounting, Panorama, PanoramaGeometry, PinholeCamera
 from panodepth_ros.mosaic.lookup import ColumnLookup, focal_length, snapped, visible_rows
 
-#: A frame serves the columns whose arm azimuth is closer to its own than this [columns].
-REACH = 0.75
+#: A frame serves columns this far beyond half its stripe, so that an arm may stop off the grid
+#: [columns].
+REACH_BEYOND = 0.25
+#: A pixel reaches half a pixel beyond its centre.
+_HALF_PIXEL = 0.5 + 1e-6
 #: 360° may differ by this much from a whole number of column steps [columns].
 WHOLE_TURN_TOLERANCE = 0.02
 
@@ -34,6 +37,13 @@ class Rig:
         Columns that a sweep covers, N for a full turn.
     mounting : Mounting
         The camera's rotation against the arm, by default none.
+    further_offsets : tuple of float
+        Such distances of further pairs [px].
+    stripe_columns : int
+        Columns that one frame fills in each panorama, and that one step of the arm takes.
+    stripe_distance : float
+        Distance from the axis at which stripes of neighbouring frames join [m]; +inf lets them
+        join at the horizon, and hides nearer what lies between them.
     """
 
     arm_radius: float
@@ -41,11 +51,76 @@ class Rig:
     columns: int
     sweep_columns: int
     mounting: Mounting = ALIGNED
+    further_offsets: tuple[float, ...] = ()
+    stripe_columns: int = 1
+    stripe_distance: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not self.stripe_distance >= 2 * self.arm_radius:
+            raise ValueError(
+                f'stripe_distance is {self.stripe_distance} m; allowed: at least '
+                f'{2 * self.arm_radius:g}, twice the arm_radius'
+            )
 
     @property
     def column_step(self) -> float:
         """θ0 [rad]."""
         return 2 * math.pi / self.columns
+
+    @property
+    def sweep_frames(self) -> int:
+        """Frames that fill a sweep, one every ``stripe_columns``."""
+        return -(-self.sweep_columns // self.stripe_columns)
+
+    @property
+    def reach(self) -> float:
+        """A frame serves the columns whose arm azimuth is closer to its own [columns]."""
+        return self.stripe_columns / 2 + REACH_BEYOND
+
+    def ray_angle(self, principal_angle: float, deviation: float) -> float:
+        """
+        Ray angle of a column that belongs to another arm azimuth than the frame's.
+
+        Parameters
+        ----------
+        principal_angle : float
+            φ of the panorama, with its sign [rad].
+        deviation : float
+            Arm azimuth of the column less that of the frame [rad].
+
+        Returns
+        -------
+        float
+            ψ [rad], towards the point at ``stripe_distance`` on the column's principal ray.
+        """
+        if math.isinf(self.stripe_distance) or deviation == 0.0:
+            return principal_angle + deviation
+        distance, radius = self.stripe_distance, self.arm_radius
+        ahead = (
+            principal_angle + deviation - math.asin(radius * math.sin(principal_angle) / distance)
+        )
+        return math.atan2(distance * math.sin(ahead), distance * math.cos(ahead) - radius)
+
+
+def panorama_names(further_pairs: int, *, center: bool = True) -> tuple[str, ...]:
+    """
+    Names of a sweep's panoramas, which are those of their topics.
+
+    Parameters
+    ----------
+    further_pairs : int
+        Pairs besides the first.
+    center : bool
+        Whether the centre is among them.
+
+    Returns
+    -------
+    tuple of str
+        ``left``, ``right``, ``pair_1/left``, ``pair_1/right``, …, ``center``.
+    """
+    pairs = ('', *(f'pair_{number}/' for number in range(1, further_pairs + 1)))
+    eyes = tuple(f'{pair}{eye}' for pair in pairs for eye in ('left', 'right'))
+    return (*eyes, 'center') if center else eyes
 
 
 def columns_per_turn(column_step_deg: float) -> int:
@@ -86,12 +161,13 @@ class _View:
 
 class Sweep:
     """
-    Panoramas of the left eye, the right eye and the centre, filled frame by frame.
+    Panoramas of the left eye, the right eye, further pairs and the centre, filled frame by frame.
 
     Column x belongs to the arm azimuth ``reference + (N/2 − x)·θ0``, so that azimuth 0 is near
-    the middle. A frame fills the columns within :data:`REACH` of its own azimuth, each sampled
-    along the ray that looks at the column's azimuth exactly; of two frames the nearer wins, of
-    two equally near ones the earlier.
+    the middle. A frame fills the columns within the rig's reach of its own azimuth, each sampled
+    along the ray that the rig gives it, which looks at the column's azimuth exactly, or at its
+    point at the stripe distance; of two frames the nearer wins, of two equally near ones the
+    earlier.
 
     Parameters
     ----------
@@ -100,24 +176,30 @@ class Sweep:
     camera : PinholeCamera
         The calibrated camera, to be mounted as the rig says.
     first_azimuth : float
-        Arm azimuth of the first frame [rad]; it lies on the column grid.
+        Arm azimuth of the first frame [rad]; its stripe lies on the column grid: a column in the
+        middle of an odd stripe, two beside the middle of an even one.
 
     Raises
     ------
     ValueError
-        If the columns lie outside the image.
+        If the columns, or the stripes around them, lie outside the image.
     """
 
     def __init__(self, rig: Rig, camera: PinholeCamera, first_azimuth: float) -> None:
         self.rig = rig
         self.camera = camera = replace(camera, mounting=rig.mounting)
         self._first_azimuth = first_azimuth
-        self._reference = math.remainder(first_azimuth, rig.column_step)
+        off_middle = 0.5 * rig.column_step if rig.stripe_columns % 2 == 0 else 0.0
+        self._reference = math.remainder(first_azimuth + off_middle, rig.column_step)
         # Right of the image centre is what the left eye sees.
-        offsets = {'left': rig.column_offset, 'right': -rig.column_offset, 'center': 0.0}
-        rows = visible_rows(camera, tuple(offsets.values()), REACH * rig.column_step)
+        pairs = (rig.column_offset, *rig.further_offsets)
+        offsets = (*(side * offset for offset in pairs for side in (1, -1)), 0.0)
+        rows = visible_rows(camera, offsets, _widest(rig, camera, offsets))
+        _check_stripes(rig, camera, offsets)
+        names = panorama_names(len(rig.further_offsets))
         self._views = {
-            name: _View(camera, offset, rows, rig.columns) for name, offset in offsets.items()
+            name: _View(camera, offset, rows, rig.columns)
+            for name, offset in zip(names, offsets, strict=True)
         }
         self._deviation = np.full(rig.columns, np.inf)
         self.start: int | None = None
@@ -139,9 +221,9 @@ class Sweep:
         return int(self.seen.sum()) >= self.rig.sweep_columns
 
     def columns_left(self, arm_azimuth: float) -> int:
-        """How many columns the arm has to go to the sweep's last one; negative beyond it."""
+        """How many columns the arm has to go to the sweep's last frame; negative beyond it."""
         travelled = abs(arm_azimuth - self._first_azimuth) / self.rig.column_step
-        return self.rig.sweep_columns - 1 - round(travelled)
+        return (self.rig.sweep_frames - 1) * self.rig.stripe_columns - round(travelled)
 
     def add(self, stamp: int, image: npt.NDArray[np.uint8], arm_azimuth: float) -> int:
         """
@@ -181,7 +263,7 @@ class Sweep:
         rig = self.rig
         own = rig.columns / 2 - (arm_azimuth - self._reference) / rig.column_step
         filled = 0
-        for column in range(math.ceil(own - REACH), math.floor(own + REACH) + 1):
+        for column in range(math.ceil(own - rig.reach), math.floor(own + rig.reach) + 1):
             filled += self._fill(column % rig.columns, (own - column) * rig.column_step, image)
         if filled:
             self.start = stamp if self.start is None else self.start
@@ -189,12 +271,13 @@ class Sweep:
         return filled
 
     def _fill(self, x: int, deviation: float, image: npt.NDArray[np.uint8]) -> bool:
-        """Fill column x, whose ray azimuths lie ``deviation`` from the frame's principal rays."""
+        """Fill column x, which belongs to ``deviation`` beyond the frame's arm azimuth."""
         if abs(deviation) >= self._deviation[x]:
             return False
         samples = {}
         for name, view in self._views.items():
-            angle = snapped(view.principal_angle + deviation, view.principal_angle)
+            principal_angle = view.principal_angle
+            angle = snapped(self.rig.ray_angle(principal_angle, deviation), principal_angle)
             column = view.lookup.column(image, angle)
             if column is None:
                 return False
@@ -211,7 +294,7 @@ class Sweep:
 
     def panoramas(self) -> dict[str, Panorama]:
         """
-        Return the panoramas as they are: ``left``, ``right`` and ``center``.
+        Return the panoramas as they are, by the names of :func:`panorama_names`.
 
         Raises
         ------
@@ -238,6 +321,7 @@ class Sweep:
                 principal_angle=view.principal_angle,
                 sweep_duration=duration,
                 ray_angle=view.ray_angle.copy(),
+                stripe_distance=self.rig.stripe_distance,
             )
             panoramas[name] = Panorama(view.image.copy(), geometry)
         return panoramas
@@ -261,3 +345,27 @@ class Sweep:
             )
             for run in runs
         ]
+
+
+def _widest(rig: Rig, camera: PinholeCamera, offsets_px: tuple[float, ...]) -> float:
+    """Return the largest deviation of a ray from its principal angle [rad]."""
+    reach = rig.reach * rig.column_step
+    middles = [camera.ray_angle(offset) for offset in offsets_px]
+    return max(
+        abs(rig.ray_angle(middle, side * reach) - middle) for middle in middles for side in (1, -1)
+    )
+
+
+def _check_stripes(rig: Rig, camera: PinholeCamera, offsets_px: tuple[float, ...]) -> None:
+    """Refuse stripes that reach over the image's side."""
+    half = (rig.stripe_columns - 1) / 2 * rig.column_step
+    for offset in offsets_px:
+        middle = camera.ray_angle(offset)
+        angles = [rig.ray_angle(middle, side * half) for side in (1, 0, -1)]
+        u, _ = camera.project(angles, [0.0])
+        if not (u >= -_HALF_PIXEL).all() or not (u <= camera.width - 1 + _HALF_PIXEL).all():
+            raise ValueError(
+                f'the stripe of {rig.stripe_columns} columns around {offset:+g} px from the '
+                f'principal point reaches from u = {u[0]:.1f} to {u[2]:.1f}, over the side of the '
+                f'image; allowed: 0 to {camera.width - 1}'
+            )

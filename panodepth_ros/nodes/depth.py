@@ -16,6 +16,7 @@ from std_msgs.msg import Header
 
 from panodepth_ros.geometry import Panorama, check_pair, distance_stddev, triangulate
 from panodepth_ros.matching import METHODS, match, prepare
+from panodepth_ros.mosaic.sweep import panorama_names
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, Report, publish_diagnostics
 from panodepth_ros.ros.images import to_bgr_or_mono, to_message
@@ -26,7 +27,7 @@ from panodepth_ros.ros.process import run_node
 from panodepth_ros.ros.sync import StampMatcher
 from panodepth_ros.scan import ScanSettings, laser_ranges
 
-_TOPICS = ('left/image', 'left/camera_info', 'right/image', 'right/camera_info')
+_KINDS = {'image': Image, 'camera_info': CameraInfo}
 #: Noise of the column disparity that the points' standard deviations assume [columns]: two thirds
 #: of the demo's pixels are nearer to the truth than that.
 DISPARITY_STDDEV = 0.2
@@ -39,6 +40,12 @@ class DepthParameters:
     method: str = parameter(
         'semiglobal', 'How the panoramas are matched', choices=METHODS, live=True
     )
+    further_pairs: int = parameter(
+        0,
+        'Further pairs, pair_1 and so on, that the matching is given; it waits for all of them',
+        bounds=(0, 16),
+    )
+    use_center: bool = parameter(False, 'Whether the matching is given the centre panorama, too')
     threads: int = parameter(
         2, 'Threads that match; the result does not depend on it', bounds=(1, 64), live=True
     )
@@ -100,7 +107,11 @@ class Depth(Node):
         )
         start = time.monotonic()
         prepare(self._settings.method)
-        self._matcher = StampMatcher(_TOPICS, depth=4)
+        self._panoramas = panorama_names(
+            self._settings.further_pairs, center=self._settings.use_center
+        )
+        topics = tuple(f'{name}/{kind}' for name in self._panoramas for kind in _KINDS)
+        self._matcher = StampMatcher(topics, depth=4)
         self._depth_publisher = self.create_publisher(Image, 'depth/image', qos.PANORAMAS)
         self._confidence_publisher = self.create_publisher(
             Image, 'depth/confidence', qos.PANORAMAS
@@ -118,8 +129,8 @@ class Depth(Node):
         worker.start()
         self._resources.callback(worker.join)
         self._resources.callback(self._work.put, None)
-        for topic in _TOPICS:
-            kind = Image if topic.endswith('image') else CameraInfo
+        for topic in topics:
+            kind = _KINDS[topic.rpartition('/')[2]]
             self.create_subscription(
                 kind, topic, lambda message, topic=topic: self._on(topic, message), qos.PANORAMAS
             )
@@ -148,15 +159,21 @@ class Depth(Node):
     def _match(self, messages: dict[Any, Any], parameters: DepthParameters) -> None:
         start = time.monotonic()
         header = messages['left/image'].header
-        left, right = (
+        left, right, *further = (
             Panorama(
-                to_bgr_or_mono(messages[f'{eye}/image']),
-                panorama_geometry(messages[f'{eye}/camera_info']),
+                to_bgr_or_mono(messages[f'{name}/image']),
+                panorama_geometry(messages[f'{name}/camera_info']),
             )
-            for eye in ('left', 'right')
+            for name in self._panoramas
         )
         check_pair(left.geometry, right.geometry)
-        matched = match(left, right, method=parameters.method, threads=parameters.threads)
+        matched = match(
+            left,
+            right,
+            further=further,
+            method=parameters.method,
+            threads=parameters.threads,
+        )
         points = triangulate(matched.column_disparity, left.geometry, right.geometry)
         settings = parameters.scan_settings()
         ranges = laser_ranges(points, matched.confidence, settings)

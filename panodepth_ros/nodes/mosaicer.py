@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 
 from panodepth_ros.geometry import Mounting
 from panodepth_ros.mosaic import ArmTrack, Assembler, Rig, Standstill, Sweep
-from panodepth_ros.mosaic.sweep import columns_per_turn
+from panodepth_ros.mosaic.sweep import columns_per_turn, panorama_names
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, WARN, Report, publish_diagnostics
 from panodepth_ros.ros.images import decompressed, to_bgr_or_mono, to_message
@@ -23,7 +23,6 @@ from panodepth_ros.ros.messages import panorama_info, pinhole_camera, to_nanosec
 from panodepth_ros.ros.parameters import declare_parameters, parameter
 from panodepth_ros.ros.process import run_node
 
-PANORAMAS = ('left', 'right', 'center')
 _NO_CAMERA = 'no camera_info received yet'
 #: How often waiting is checked against its timeouts [s].
 _WATCH_PERIOD = 0.25
@@ -72,11 +71,29 @@ class MosaicerParameters:
         bounds=(-45.0, 45.0),
         live=True,
     )
+    further_offsets_px: tuple[float, ...] = parameter(
+        (),
+        'Such distances of further pairs, published under pair_1, pair_2, …; left out for none',
+        unit='px',
+        bounds=(1.0, 10000.0),
+    )
     column_step_deg: float = parameter(
         0.2,
         'Angle between panorama columns, a whole fraction of 360',
         unit='°',
         bounds=(0.01, 6.0),
+    )
+    stripe_columns: int = parameter(
+        1,
+        "Columns that one frame fills, a divisor of those of a turn; the arm's step must be as "
+        'many column steps',
+        bounds=(1, 360),
+    )
+    stripe_distance: float = parameter(
+        2.0,
+        'Distance from the axis at which neighbouring stripes join, at least twice the arm_radius',
+        unit='m',
+        bounds=(0.02, 1000.0),
     )
     sweep_deg: float = parameter(
         360.0,
@@ -113,7 +130,20 @@ class MosaicerParameters:
     )
 
     def __post_init__(self) -> None:
-        columns_per_turn(self.column_step_deg)
+        turn = columns_per_turn(self.column_step_deg)
+        if turn % self.stripe_columns:
+            divisors = [str(n) for n in range(1, 361) if turn % n == 0]
+            raise ValueError(
+                f'stripe_columns is {self.stripe_columns}; allowed: divisors of the {turn} '
+                f'columns of a turn, {", ".join(divisors)}'
+            )
+        offsets = (self.column_offset_px, *self.further_offsets_px)
+        if len(set(offsets)) < len(offsets):
+            raise ValueError(
+                f'further_offsets_px is {list(self.further_offsets_px)} besides column_offset_px '
+                f'{self.column_offset_px}; allowed: distances that differ'
+            )
+        self.rig()
         columns = self.sweep_deg / self.column_step_deg
         if abs(columns - round(columns)) > 0.02:
             raise ValueError(
@@ -134,6 +164,9 @@ class MosaicerParameters:
                 roll=math.radians(self.camera_roll_deg),
                 tilt=math.radians(self.camera_tilt_deg),
             ),
+            further_offsets=self.further_offsets_px,
+            stripe_columns=self.stripe_columns,
+            stripe_distance=self.stripe_distance if self.stripe_columns > 1 else math.inf,
         )
 
 
@@ -172,7 +205,7 @@ class Mosaicer(Node):
         self._last_end = 'none yet'
         self._image_publishers: dict[str, Publisher] = {}
         self._info_publishers: dict[str, Publisher] = {}
-        for name in PANORAMAS:
+        for name in panorama_names(len(self._settings.further_offsets_px)):
             self._image_publishers[name] = self.create_publisher(
                 Image, f'{name}/image', qos.PANORAMAS
             )
@@ -264,8 +297,10 @@ class Mosaicer(Node):
         self._lead = _Lead(0, self._assembler.track.position, newest, time.monotonic())
         self._request_step(self._lead)
         self._publish_progress(0.0)
-        columns = self._assembler.rig.sweep_columns
-        response.message = f'sweep of {columns} columns started'
+        rig = self._assembler.rig
+        response.message = (
+            f'sweep of {rig.sweep_columns} columns in {rig.sweep_frames} frames started'
+        )
         self.get_logger().info(response.message)
         return response
 
@@ -306,20 +341,21 @@ class Mosaicer(Node):
                     f'the arm did not take a step and report standing still within '
                     f'{self._settings.step_timeout:g} s'
                 )
-        elif not self._took_one_column(lead, standstill):
+        elif not self._took_one_stripe(lead, standstill):
+            stripe, step = self._settings.stripe_columns, self._settings.column_step_deg
+            columns = f'{stripe} columns of {step:g}' if stripe > 1 else f'{step:g}'
             self._give_up(
                 f'the arm moved {math.degrees(standstill.azimuth - lead.azimuth):.4f}° on a step; '
-                f'column_step_deg is {self._settings.column_step_deg:g}, and so must the '
-                "arm's step be"
+                f"allowed: the arm's step_deg must be the mosaicer's {columns}°"
             )
         elif not self._assembler.has_frame_of(standstill):
             if waited > self._settings.frame_timeout:
                 self.get_logger().error(
-                    f'no frame for {waited:.1f} s: the sweep waits at column {lead.steps} of '
-                    f'{self._assembler.rig.sweep_columns}{self._most_dropped()}',
+                    f'no frame for {waited:.1f} s: the sweep waits at frame {lead.steps} of '
+                    f'{self._assembler.rig.sweep_frames}{self._most_dropped()}',
                     throttle_duration_sec=self._settings.frame_timeout,
                 )
-        elif lead.steps < self._assembler.rig.sweep_columns:
+        elif lead.steps < self._assembler.rig.sweep_frames:
             lead.azimuth = standstill.azimuth
             self._request_step(lead)
 
@@ -332,9 +368,10 @@ class Mosaicer(Node):
         reasons = self._assembler.drops.most_common(1)
         return f'; most frequent: {reasons[0][1]} × {reasons[0][0]}' if reasons else ''
 
-    def _took_one_column(self, lead: _Lead, standstill: Standstill) -> bool:
-        columns = abs(standstill.azimuth - lead.azimuth) / self._assembler.rig.column_step
-        return 0.5 < columns < 1.5
+    def _took_one_stripe(self, lead: _Lead, standstill: Standstill) -> bool:
+        rig = self._assembler.rig
+        columns = abs(standstill.azimuth - lead.azimuth) / rig.column_step
+        return abs(columns - rig.stripe_columns) < 0.5
 
     def _request_step(self, lead: _Lead) -> None:
         lead.steps += 1

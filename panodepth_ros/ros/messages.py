@@ -71,6 +71,8 @@ def panorama_info(geometry: PanoramaGeometry, header: Header) -> CameraInfo:
     ]
     info.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
     rays = [] if geometry.uniform else [float(angle) for angle in geometry.ray_angle]
+    if rays and math.isfinite(geometry.stripe_distance):
+        rays.insert(0, float(geometry.stripe_distance))
     info.d = [
         float(geometry.arm_radius),
         float(geometry.principal_angle),
@@ -94,10 +96,11 @@ def panorama_geometry(info: CameraInfo) -> PanoramaGeometry:
             f'camera_info has distortion_model {info.distortion_model!r}; allowed: '
             f'{CYLINDRICAL!r}, as the mosaicer publishes it'
         )
-    if len(info.d) not in (3, 3 + info.width):
+    if len(info.d) not in (3, 3 + info.width, 4 + info.width):
         raise ValueError(
-            f'camera_info has {len(info.d)} values in d; allowed: 3 or 3 + width = '
-            f'{3 + info.width} (arm_radius, principal_angle, sweep_duration, ray angles)'
+            f'camera_info has {len(info.d)} values in d; allowed: 3, 3 + width = '
+            f'{3 + info.width} (arm_radius, principal_angle, sweep_duration, ray angles) or '
+            f'{4 + info.width} (with a stripe_distance before the ray angles)'
         )
     arm_radius, principal_angle, sweep_duration = (float(value) for value in info.d[:3])
     columns = int(info.width)
@@ -106,7 +109,8 @@ def panorama_geometry(info: CameraInfo) -> PanoramaGeometry:
             f'camera_info is {columns} columns wide at {info.k[0]:.6g} columns per radian; '
             'allowed: a full turn'
         )
-    rays = np.array(info.d[3:], dtype=np.float64)
+    joined = len(info.d) == 4 + info.width
+    rays = np.array(info.d[4:] if joined else info.d[3:], dtype=np.float64)
     return PanoramaGeometry(
         columns=columns,
         rows=int(info.height),
@@ -117,6 +121,7 @@ def panorama_geometry(info: CameraInfo) -> PanoramaGeometry:
         principal_angle=principal_angle,
         sweep_duration=sweep_duration,
         ray_angle=rays if rays.size else np.full(columns, principal_angle),
+        stripe_distance=float(info.d[3]) if joined else math.inf,
     )
 
 

@@ -9,6 +9,7 @@ node, :func:`markdown_table` prints it for the README.
 from __future__ import annotations
 
 import dataclasses
+from array import array
 from collections.abc import Callable
 from typing import Any, TypeVar, get_type_hints
 
@@ -46,14 +47,16 @@ def parameter(
 
     Parameters
     ----------
-    default : bool, int, float, str or tuple
-        Default value; its type is the field's annotation.
+    default : bool, int, float, str or tuple of float
+        Default value; its type is the field's annotation, ``tuple[float, ...]`` for a list. An
+        empty list is what a list is by default, for ROS cannot tell its type: a parameter file
+        leaves the parameter out.
     description : str
         What it means, without unit and range.
     unit : str
         Unit as people write it, empty for none.
     bounds : (float, float), optional
-        Smallest and largest allowed value, both included.
+        Smallest and largest allowed value, both included; of each element of a list.
     choices : tuple of str, optional
         The allowed values of a string.
     live : bool
@@ -90,16 +93,16 @@ def _descriptor(field: dataclasses.Field[Any], kind: type) -> ParameterDescripto
     bounds = field.metadata['bounds']
     if bounds and kind is int:
         descriptor.integer_range = [IntegerRange(from_value=bounds[0], to_value=bounds[1])]
-    elif bounds:
+    elif bounds and kind is float:
         descriptor.floating_point_range = [
             FloatingPointRange(from_value=float(bounds[0]), to_value=float(bounds[1]))
         ]
     return descriptor
 
 
-def check_choices(table: Any) -> None:
+def check_values(table: Any) -> None:
     """
-    Refuse a string that is not among its field's choices.
+    Refuse what ROS does not check: strings by their choices, elements of lists by their bounds.
 
     Raises
     ------
@@ -110,6 +113,11 @@ def check_choices(table: Any) -> None:
         choices, value = field.metadata['choices'], getattr(table, field.name)
         if choices and value not in choices:
             raise ValueError(f'{field.name} is {value!r}; allowed: {_allowed(field)}')
+        bounds = field.metadata['bounds']
+        if bounds and isinstance(value, tuple):
+            for element in value:
+                if not bounds[0] <= element <= bounds[1]:
+                    raise ValueError(f'{field.name} holds {element}; allowed: {_allowed(field)}')
 
 
 def declare_parameters(
@@ -163,30 +171,30 @@ def declare_parameters(
         if name in given:
             node.undeclare_parameter(name)  # declared by the override, without a descriptor
         try:
-            declared = node.declare_parameter(name, field.default, _descriptor(field, kinds[name]))
+            declared = _declare(node, name, field.default, _descriptor(field, kinds[name]))
         except InvalidParameterTypeException as error:
             raise ParameterError(
-                f'{name} is {given[name].value!r}; allowed: {_type_name(kinds[name])}'
+                f'{name} is {_plain(given[name].value)!r}; allowed: {_type_name(kinds[name])}'
             ) from error
         except InvalidParameterValueException as error:
             raise ParameterError(
                 f'{name} is {given[name].value!r}; allowed: {_allowed(field)}'
             ) from error
-        values[name] = declared.value
+        values[name] = _plain(declared.value)
     try:
         current = table(**values)
-        check_choices(current)
+        check_values(current)
     except ValueError as error:
         raise ParameterError(str(error)) from error
 
     def proposed(changes: list[Parameter]) -> Table:
-        known = {change.name: change.value for change in changes if change.name in fields}
+        known = {change.name: _plain(change.value) for change in changes if change.name in fields}
         return dataclasses.replace(current, **known)  # type: ignore[type-var]
 
     def approve(changes: list[Parameter]) -> SetParametersResult:
         try:
             table_to_be = proposed(changes)
-            check_choices(table_to_be)
+            check_values(table_to_be)
             if check is not None:
                 check(table_to_be)
         except ValueError as error:
@@ -204,9 +212,30 @@ def declare_parameters(
     return current
 
 
+def _declare(
+    node: Node, name: str, default: Any, descriptor: ParameterDescriptor
+) -> Parameter[Any]:
+    """Declare one parameter, an empty list in three steps: rclpy takes it for one of bytes."""
+    if default != ():
+        return node.declare_parameter(name, default, descriptor)
+    kind = Parameter.Type.DOUBLE_ARRAY
+    declared = node.declare_parameter(name, kind, ParameterDescriptor())
+    if declared.value is None:
+        node.set_parameters([Parameter(name, kind, [])])
+    descriptor.type = kind.value
+    node.set_descriptor(name, descriptor)
+    return node.get_parameter(name)
+
+
+def _plain(value: Any) -> Any:
+    """Return a parameter's value as a table holds it: lists, whose kinds are many, as tuples."""
+    return tuple(value) if isinstance(value, (list, tuple, array)) else value
+
+
 def _type_name(kind: Any) -> str:
     names = {float: 'a floating-point number, such as 1.0', int: 'a whole number'}
     names |= {bool: 'true or false', str: 'a string'}
+    names[tuple[float, ...]] = 'a list of floating-point numbers, such as [1.0, 2.0]'
     return names.get(kind, str(kind))
 
 
@@ -219,10 +248,11 @@ def markdown_table(table: type) -> str:
     ]
     for field in dataclasses.fields(table):
         default = str(field.default).lower() if kinds[field.name] is bool else field.default
-        shown = f'`{default}`' if default != '' else 'empty'
+        shown = f'`{default}`' if default not in ('', ()) else 'empty'
+        kind = 'list of float' if isinstance(default, tuple) else kinds[field.name].__name__
         allowed = _allowed(field).removesuffix(f' {field.metadata["unit"]}')
         rows.append(
-            f'| `{field.name}` | {kinds[field.name].__name__} | {shown} '
+            f'| `{field.name}` | {kind} | {shown} '
             f'| {field.metadata["unit"]} | {allowed} '
             f'| {"yes" if field.metadata["live"] else "no"} | {field.metadata["description"]} |'
         )

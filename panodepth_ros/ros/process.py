@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_EMPTY_LIST = 'a parameter is given as [], whose type ROS cannot tell; leave it out instead'
 
 
 class _Interruption:
@@ -138,7 +139,8 @@ class _Process:
         except (OSError, RuntimeError, ValueError) as error:
             if self._executor is not None and not rclpy.ok():  # interrupted while starting
                 return 0
-            get_logger(self._name).fatal(str(error))
+            empty_list = 'PARAMETER_NOT_SET' in str(error)  # rclpy's word for one
+            get_logger(self._name).fatal(_EMPTY_LIST if empty_list else str(error))
             return 1
         return 0
 

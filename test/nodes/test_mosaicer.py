@@ -447,7 +447,7 @@ def test_camera_that_stops_makes_the_sweep_wait_and_go_on(ros, capfd):
     ros.spin_until(lambda: _time_since(waiting) > 0.5, 'the wait')
     assert bench.rig.steps == 1, 'the arm went on without a frame'
     said = capfd.readouterr().err
-    assert 'the sweep waits at column 1 of 60; most frequent: 1 × frame: arm moved' in said
+    assert 'the sweep waits at frame 1 of 60; most frequent: 1 × frame: arm moved' in said
     bench.rig.frames = True
     bench.rig.frame()
     bench.rig.standing()

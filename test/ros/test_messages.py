@@ -1,5 +1,6 @@
 """Panorama geometry as CameraInfo, ranges as LaserScan."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -57,6 +58,16 @@ def test_rays_of_their_own_travel_column_by_column():
     rays[7], rays[8] = np.nan, -0.261
     read = panorama_geometry(panorama_info(geometry(rays), header()))
     assert np.array_equal(read.ray_angle, rays, equal_nan=True)
+    assert read.stripe_distance == math.inf
+
+
+def test_stripe_distance_travels_with_the_rays():
+    rays = np.linspace(-0.27, -0.25, 1800)
+    ours = dataclasses.replace(geometry(rays), stripe_distance=2.0)
+    read = panorama_geometry(panorama_info(ours, header()))
+    assert read.stripe_distance == 2.0
+    assert np.array_equal(read.ray_angle, rays)
+    assert np.array_equal(read.ray_azimuth(np.arange(1800)), ours.ray_azimuth(np.arange(1800)))
 
 
 def test_geometry_survives_the_message():

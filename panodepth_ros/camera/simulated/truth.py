@@ -43,7 +43,7 @@ def truth_panorama(
     room: Room,
     *,
     arm_radius: float,
-    ray_angle: float,
+    ray_angle: npt.ArrayLike,
     ray_azimuth: npt.ArrayLike,
     slope: npt.ArrayLike,
 ) -> TruthPanorama:
@@ -56,7 +56,7 @@ def truth_panorama(
         What there is.
     arm_radius : float
         Axis to optical centre [m].
-    ray_angle : float
+    ray_angle : array_like of float, shape () or (N,)
         Arm to the ray of the columns [rad]: negative for the left eye, positive for the right.
         The other eye's is the same with the other sign.
     ray_azimuth : array_like of float, shape (N,)
@@ -76,21 +76,23 @@ def truth_panorama(
     their optical centres are equally far from it.
     """
     beta = np.asarray(ray_azimuth, np.float64)
+    psi = np.broadcast_to(np.asarray(ray_angle, np.float64), beta.shape)
     rise = np.asarray(slope, np.float64)
     shape = (len(rise), len(beta), 3)
     rays = np.empty(shape)
     rays[..., 0], rays[..., 1] = np.cos(beta), np.sin(beta)
     rays[..., 2] = rise[:, None]
     directions = rays.reshape(-1, 3)
-    centres = _optical_centres(beta - ray_angle, arm_radius)
+    centres = _optical_centres(beta - psi, arm_radius)
     origins = np.broadcast_to(centres, shape).reshape(-1, 3)
     distance = room.cast(origins, directions)
     hit = np.isfinite(distance)
     points = origins[hit] + distance[hit, None] * directions[hit]
     radial = np.hypot(points[:, 0], points[:, 1])
     alpha = np.arctan2(points[:, 1], points[:, 0])
-    other_beta = alpha - np.arcsin(arm_radius * np.sin(ray_angle) / radial)
-    other = _optical_centres(other_beta + ray_angle, arm_radius)
+    psi_hit = np.broadcast_to(psi, shape[:2]).ravel()[hit]
+    other_beta = alpha - np.arcsin(arm_radius * np.sin(psi_hit) / radial)
+    other = _optical_centres(other_beta + psi_hit, arm_radius)
     towards = points - other
     away = np.linalg.norm(towards, axis=1)
     blocked = room.cast(other, towards / away[:, None]) < away - _TOLERANCE

@@ -1,0 +1,181 @@
+"""Accuracy and frames of a sweep against the width of its stripes; docs/stripes.md has a run."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.report import table
+from benchmarks.scenes import NOISE
+from panodepth_ros.camera.simulated import (
+    Room,
+    RoomCamera,
+    TruthPanorama,
+    furnished_room,
+    truth_panorama,
+)
+from panodepth_ros.evaluation import (
+    DepthScore,
+    ScanScore,
+    nearest_visible,
+    score_depth,
+    score_scan,
+)
+from panodepth_ros.geometry import PanoramaGeometry, PinholeCamera, triangulate
+from panodepth_ros.matching import Correspondence, match
+from panodepth_ros.mosaic import Rig, Sweep
+from panodepth_ros.scan import ScanSettings, laser_ranges
+
+Eyes = tuple[PanoramaGeometry, PanoramaGeometry]
+
+FIELD_OF_VIEW = math.radians(34.0)
+ARM_RADIUS = 0.30
+COLUMNS = 1800
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Row:
+    """One width of stripes: what was needed, and what came out of it."""
+
+    frames: int
+    depth: DepthScore
+    naive_depth: DepthScore
+    scan: ScanScore
+    naive_scan: ScanScore
+
+
+def frames(
+    room: Room, lens: RoomCamera, azimuths: npt.NDArray[np.float64]
+) -> Iterator[npt.NDArray[np.uint8]]:
+    """What the camera sees from each arm azimuth, with noise."""
+    rng = np.random.default_rng(1)
+    for azimuth in azimuths:
+        image = room.render(float(azimuth), lens, ARM_RADIUS).astype(np.float32)
+        image += rng.normal(0, NOISE, image.shape).astype(np.float32)
+        yield np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def measure(room: Room, lens: RoomCamera, offset: float, stripe: int, distance: float) -> Row:
+    """Sweep a room with stripes that join at a distance, match, and compare with the truth."""
+    rig = Rig(
+        arm_radius=ARM_RADIUS,
+        column_offset=offset,
+        columns=COLUMNS,
+        sweep_columns=COLUMNS,
+        stripe_columns=stripe,
+        stripe_distance=distance,
+    )
+    azimuths = np.arange(rig.sweep_frames) * stripe * rig.column_step
+    camera = PinholeCamera(**{name: getattr(lens, name) for name in RoomCamera.__slots__})
+    sweep = Sweep(rig, camera, 0.0)
+    for number, image in enumerate(frames(room, lens, azimuths)):
+        sweep.add(number + 1, image, float(azimuths[number]))
+    eyes = sweep.panoramas()
+    matched = match(eyes['left'], eyes['right'])
+    exact = eyes['left'].geometry, eyes['right'].geometry
+    naive = tuple(
+        dataclasses.replace(eye, ray_angle=np.full(COLUMNS, eye.principal_angle)) for eye in exact
+    )
+    truths = [
+        truth_panorama(
+            room,
+            arm_radius=ARM_RADIUS,
+            ray_angle=eye.ray_angle,
+            ray_azimuth=eye.ray_azimuth(np.arange(COLUMNS)),
+            slope=eye.slope(np.arange(eye.rows)),
+        )
+        for eye in exact
+    ]
+    depth, scan = _scores(matched, exact, exact, truths)
+    naive_depth, naive_scan = _scores(matched, (naive[0], naive[1]), exact, truths)
+    return Row(rig.sweep_frames, depth, naive_depth, scan, naive_scan)
+
+
+def _scores(
+    matched: Correspondence, believed: Eyes, exact: Eyes, truths: list[TruthPanorama]
+) -> tuple[DepthScore, ScanScore]:
+    """Scores of a match triangulated with the geometry that is believed."""
+    settings = ScanSettings()
+    points = triangulate(matched.column_disparity, *believed)
+    radius = ARM_RADIUS * math.sin(exact[1].principal_angle)
+    depth = score_depth(
+        points.radial_distance,
+        truths[0].radial_distance,
+        truths[0].occluded,
+        viewing_circle_radius=radius,
+        column_step=exact[0].column_step,
+    )
+    nearest = [
+        nearest_visible(
+            truth.radial_distance,
+            eye.ray_azimuth(np.arange(COLUMNS)),
+            truth.height,
+            ~truth.occluded,
+            signed_radius=ARM_RADIUS * np.sin(eye.ray_angle),
+            band=(settings.min_height, settings.max_height),
+            beams=settings.beams,
+        )
+        for truth, eye in zip(truths, exact, strict=True)
+    ]
+    ranges = laser_ranges(points, matched.confidence, settings).astype(np.float64)
+    return depth, score_scan(ranges, np.fmin.reduce(nearest))
+
+
+def markdown(rows: dict[tuple[int, float], Row]) -> str:
+    """All widths as a Markdown table, exact rays / one angle for all columns."""
+    head = [
+        *('stripe [columns]', 'joins at [m]', 'frames', 'kept %', 'median error %', 'wrong %'),
+        *('scan: coverage %', 'median error %', 'within 5 %', 'too far %', 'too near %'),
+    ]
+
+    def both(exact: float, naive: float, digits: int = 1) -> str:
+        return f'{100 * exact:.{digits}f} / {100 * naive:.{digits}f}'
+
+    lines = []
+    for (stripe, distance), row in rows.items():
+        depth, plain, scan, simple = row.depth, row.naive_depth, row.scan, row.naive_scan
+        lines.append(
+            [
+                str(stripe),
+                '–' if stripe == 1 else f'{distance:g}'.replace('inf', '∞'),
+                str(row.frames),
+                f'{100 * depth.kept:.1f}',
+                both(depth.median_error, plain.median_error, 2),
+                both(depth.wrong, plain.wrong),
+                f'{100 * scan.coverage:.1f}',
+                both(scan.median_error, simple.median_error, 2),
+                both(scan.within_5_percent, simple.within_5_percent),
+                both(scan.too_far, simple.too_far),
+                both(scan.too_near, simple.too_near),
+            ]
+        )
+    return table(head, lines)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--stripes', type=int, nargs='+', default=[1, 2, 4, 8, 16])
+    parser.add_argument('--distances', type=float, nargs='+', default=[math.inf, 2.0])
+    parser.add_argument('--width', type=int, default=160, help='of the frames, in pixels')
+    parser.add_argument('--offset', type=float, help='of the columns; default 0.44 of the width')
+    parser.add_argument('--seed', type=int, default=1, help='which room')
+    chosen = parser.parse_args()
+    lens = RoomCamera.from_field_of_view(chosen.width, chosen.width * 3 // 4, FIELD_OF_VIEW)
+    offset = chosen.offset or 70.5 / 160 * chosen.width
+    room = furnished_room(chosen.seed)
+    rows = {}
+    for stripe in chosen.stripes:
+        for distance in chosen.distances if stripe > 1 else [math.inf]:
+            rows[stripe, distance] = measure(room, lens, offset, stripe, distance)
+    print(markdown(rows))
+
+
+if __name__ == '__main__':
+    main()
