@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +28,7 @@ from panodepth_ros.evaluation import (
     score_scan,
 )
 from panodepth_ros.geometry import PanoramaGeometry, PinholeCamera, triangulate
-from panodepth_ros.matching import Correspondence, match
+from panodepth_ros.matching import Correspondence, match, window_geometry
 from panodepth_ros.mosaic import Rig, Sweep
 from panodepth_ros.scan import ScanSettings, laser_ranges
 
@@ -41,22 +41,25 @@ COLUMNS = 1800
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Row:
-    """One width of stripes: what was needed, and what came out of it."""
+    """
+    One width of stripes: what was needed, and what came out of it.
+
+    Scores are those of each column's own ray, of the mean ray of the matching's window (what the
+    depth node uses), and of the principal angle for all columns.
+    """
 
     frames: int
-    depth: DepthScore
-    naive_depth: DepthScore
-    scan: ScanScore
-    naive_scan: ScanScore
+    depths: tuple[DepthScore, ...]
+    scans: tuple[ScanScore, ...]
 
 
 def frames(
-    room: Room, lens: RoomCamera, azimuths: npt.NDArray[np.float64]
+    room: Room, lens: RoomCamera, azimuths: Iterable[float]
 ) -> Iterator[npt.NDArray[np.uint8]]:
     """What the camera sees from each arm azimuth, with noise."""
     rng = np.random.default_rng(1)
     for azimuth in azimuths:
-        image = room.render(float(azimuth), lens, ARM_RADIUS).astype(np.float32)
+        image = room.render(azimuth, lens, ARM_RADIUS).astype(np.float32)
         image += rng.normal(0, NOISE, image.shape).astype(np.float32)
         yield np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
@@ -71,17 +74,14 @@ def measure(room: Room, lens: RoomCamera, offset: float, stripe: int, distance: 
         stripe_columns=stripe,
         stripe_distance=distance,
     )
-    azimuths = np.arange(rig.sweep_frames) * stripe * rig.column_step
+    azimuths = [number * stripe * rig.column_step for number in range(rig.sweep_frames)]
     camera = PinholeCamera(**{name: getattr(lens, name) for name in RoomCamera.__slots__})
     sweep = Sweep(rig, camera, 0.0)
     for number, image in enumerate(frames(room, lens, azimuths)):
-        sweep.add(number + 1, image, float(azimuths[number]))
+        sweep.add(number + 1, image, azimuths[number])
     eyes = sweep.panoramas()
     matched = match(eyes['left'], eyes['right'])
     exact = eyes['left'].geometry, eyes['right'].geometry
-    naive = tuple(
-        dataclasses.replace(eye, ray_angle=np.full(COLUMNS, eye.principal_angle)) for eye in exact
-    )
     truths = [
         truth_panorama(
             room,
@@ -92,9 +92,19 @@ def measure(room: Room, lens: RoomCamera, offset: float, stripe: int, distance: 
         )
         for eye in exact
     ]
-    depth, scan = _scores(matched, exact, exact, truths)
-    naive_depth, naive_scan = _scores(matched, (naive[0], naive[1]), exact, truths)
-    return Row(rig.sweep_frames, depth, naive_depth, scan, naive_scan)
+    believed = (
+        exact,
+        (window_geometry(exact[0]), window_geometry(exact[1])),
+        (_of_one_angle(exact[0]), _of_one_angle(exact[1])),
+    )
+    scores = [_scores(matched, eyes, exact, truths) for eyes in believed]
+    depths, scans = zip(*scores, strict=True)
+    return Row(rig.sweep_frames, depths, scans)
+
+
+def _of_one_angle(geometry: PanoramaGeometry) -> PanoramaGeometry:
+    angles = np.full(geometry.columns, geometry.principal_angle)
+    return dataclasses.replace(geometry, ray_angle=angles)
 
 
 def _scores(
@@ -128,31 +138,30 @@ def _scores(
 
 
 def markdown(rows: dict[tuple[int, float], Row]) -> str:
-    """All widths as a Markdown table, exact rays / one angle for all columns."""
+    """All widths as a Markdown table, own rays / those of the window / one angle for all."""
     head = [
         *('stripe [columns]', 'joins at [m]', 'frames', 'kept %', 'median error %', 'wrong %'),
         *('scan: coverage %', 'median error %', 'within 5 %', 'too far %', 'too near %'),
     ]
 
-    def both(exact: float, naive: float, digits: int = 1) -> str:
-        return f'{100 * exact:.{digits}f} / {100 * naive:.{digits}f}'
+    def percent(values: Iterable[float], digits: int = 1) -> str:
+        return ' / '.join(f'{100 * value:.{digits}f}' for value in values)
 
     lines = []
     for (stripe, distance), row in rows.items():
-        depth, plain, scan, simple = row.depth, row.naive_depth, row.scan, row.naive_scan
         lines.append(
             [
                 str(stripe),
                 '–' if stripe == 1 else f'{distance:g}'.replace('inf', '∞'),
                 str(row.frames),
-                f'{100 * depth.kept:.1f}',
-                both(depth.median_error, plain.median_error, 2),
-                both(depth.wrong, plain.wrong),
-                f'{100 * scan.coverage:.1f}',
-                both(scan.median_error, simple.median_error, 2),
-                both(scan.within_5_percent, simple.within_5_percent),
-                both(scan.too_far, simple.too_far),
-                both(scan.too_near, simple.too_near),
+                percent([row.depths[0].kept]),
+                percent((score.median_error for score in row.depths), 2),
+                percent(score.wrong for score in row.depths),
+                percent([row.scans[0].coverage]),
+                percent((score.median_error for score in row.scans), 2),
+                percent(score.within_5_percent for score in row.scans),
+                percent(score.too_far for score in row.scans),
+                percent(score.too_near for score in row.scans),
             ]
         )
     return table(head, lines)

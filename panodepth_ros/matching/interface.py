@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 
 import cv2
@@ -154,6 +154,34 @@ def grey_pair(left: Panorama, right: Panorama) -> GreyPair:
         first=first,
         last=last,
     )
+
+
+def window_geometry(geometry: PanoramaGeometry) -> PanoramaGeometry:
+    """
+    Geometry with which a match is to be triangulated.
+
+    Parameters
+    ----------
+    geometry : PanoramaGeometry
+        Of a panorama that was matched.
+
+    Returns
+    -------
+    PanoramaGeometry
+        The same, but each ray angle is the mean of those that the correlation window around its
+        column sees: a disparity is that of its window, and in stripes no two of its columns have
+        the same ray angle. A panorama of one ray angle is returned as it is.
+    """
+    if geometry.uniform:
+        return geometry
+    seen = geometry.seen
+    angles = np.where(seen, geometry.ray_angle, 0.0)
+    shifts = range(-WINDOW_HALF_WIDTH, WINDOW_HALF_WIDTH + 1)
+    total = sum(np.roll(angles, shift) for shift in shifts)
+    count = sum(np.roll(seen.astype(np.int64), shift) for shift in shifts)
+    mean = np.full(geometry.columns, np.nan)
+    mean[seen] = (total / np.maximum(count, 1))[seen]
+    return replace(geometry, ray_angle=mean)
 
 
 def _grey(panorama: Panorama) -> npt.NDArray[np.uint8]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from collections.abc import Hashable
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from typing import Any
@@ -15,7 +16,7 @@ from sensor_msgs.msg import CameraInfo, Image, LaserScan, PointCloud2
 from std_msgs.msg import Header
 
 from panodepth_ros.geometry import Panorama, check_pair, distance_stddev, triangulate
-from panodepth_ros.matching import METHODS, match, prepare
+from panodepth_ros.matching import METHODS, match, prepare, window_geometry
 from panodepth_ros.mosaic.sweep import panorama_names
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, Report, publish_diagnostics
@@ -111,7 +112,7 @@ class Depth(Node):
             self._settings.further_pairs, center=self._settings.use_center
         )
         topics = tuple(f'{name}/{kind}' for name in self._panoramas for kind in _KINDS)
-        self._matcher = StampMatcher(topics, depth=4)
+        self._matcher = StampMatcher(topics, depth=4, report=self._on_incomplete)
         self._depth_publisher = self.create_publisher(Image, 'depth/image', qos.PANORAMAS)
         self._confidence_publisher = self.create_publisher(
             Image, 'depth/confidence', qos.PANORAMAS
@@ -141,6 +142,12 @@ class Depth(Node):
 
     def _on_parameters(self, parameters: DepthParameters) -> None:
         self._settings = parameters
+
+    def _on_incomplete(self, missing: list[Hashable]) -> None:
+        self.get_logger().warning(
+            f'a later sweep has come, but not yet {", ".join(map(str, missing))} of the last one; '
+            'nothing is published of an incomplete sweep'
+        )
 
     def _on(self, topic: str, message: Any) -> None:
         messages = self._matcher.add(topic, message)
@@ -174,7 +181,8 @@ class Depth(Node):
             method=parameters.method,
             threads=parameters.threads,
         )
-        points = triangulate(matched.column_disparity, left.geometry, right.geometry)
+        geometries = window_geometry(left.geometry), window_geometry(right.geometry)
+        points = triangulate(matched.column_disparity, *geometries)
         settings = parameters.scan_settings()
         ranges = laser_ranges(points, matched.confidence, settings)
         with np.errstate(invalid='ignore'):

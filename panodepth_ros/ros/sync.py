@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from typing import Any
 
 from panodepth_ros.ros.messages import to_nanoseconds
@@ -18,16 +18,27 @@ class StampMatcher:
         What makes a set complete.
     depth : int
         Incomplete sets that are kept; the oldest beyond that are given up.
+    report : callable
+        Called with the topics that the newest incomplete set lacks when a later one begins.
     """
 
-    def __init__(self, topics: tuple[Hashable, ...], depth: int) -> None:
+    def __init__(
+        self,
+        topics: tuple[Hashable, ...],
+        depth: int,
+        report: Callable[[list[Hashable]], None] = lambda _: None,
+    ) -> None:
         self._topics = topics
         self._depth = depth
+        self._report = report
         self._sets: dict[int, dict[Hashable, Any]] = {}
 
     def add(self, topic: Hashable, message: Any) -> dict[Hashable, Any] | None:
         """Take one stamped message; return the set it completes, by topic, or None."""
         stamp = to_nanoseconds(message.header.stamp)
+        newest = max(self._sets, default=stamp)
+        if newest < stamp:
+            self._report([name for name in self._topics if name not in self._sets[newest]])
         messages = self._sets.setdefault(stamp, {})
         messages[topic] = message
         if len(messages) == len(self._topics):

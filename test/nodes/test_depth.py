@@ -12,6 +12,7 @@ from sensor_msgs.msg import CameraInfo, Image, LaserScan, PointCloud2
 from std_msgs.msg import Header
 
 from panodepth_ros.geometry import PanoramaGeometry
+from panodepth_ros.matching import match
 from panodepth_ros.nodes import depth as depth_module
 from panodepth_ros.nodes.depth import DISPARITY_STDDEV, Depth, DepthParameters
 from panodepth_ros.ros.images import to_array, to_message
@@ -46,6 +47,9 @@ def geometry(angle, columns=COLUMNS, seen=None):
     )
 
 
+EYES = ['left', 'right', 'pair_1/left', 'pair_1/right', 'pair_2/left', 'pair_2/right']
+
+
 class Bench:
     """A depth node, a publisher of panoramas, and a listener."""
 
@@ -60,7 +64,8 @@ class Bench:
             self.node.create_subscription(kind, topic, messages.append, 10)
         self.out = {
             topic: self.node.create_publisher(kind, topic, 10)
-            for eye in ('left', 'right')
+            for eye in EYES[: 2 + 2 * values.get('further_pairs', 0)]
+            + (['center'] if values.get('use_center') else [])
             for topic, kind in ((f'{eye}/image', Image), (f'{eye}/camera_info', CameraInfo))
         }
         ros.spin_until(
@@ -81,6 +86,10 @@ class Bench:
                 image, 'mono8', stamp=header.stamp, frame_id=header.frame_id
             )
             messages[f'{eye}/camera_info'] = panorama_info(geometry(sign * PHI, seen=seen), header)
+        for name in {topic.rpartition('/')[0] for topic in self.out} - {'left', 'right'}:
+            angle = {'l': -PHI / 2, 'r': PHI / 2, 'c': 0.0}[name.rpartition('/')[2][0]]
+            messages[f'{name}/image'] = messages['left/image']
+            messages[f'{name}/camera_info'] = panorama_info(geometry(angle), header)
         messages |= change
         for topic, message in messages.items():
             if message is not None:
@@ -280,6 +289,33 @@ def test_diagnostics_tell_what_came_of_the_panoramas(ros):
     diagnosis.says(DiagnosticStatus.ERROR, 'panoramas refused: principal_angle')
     bench.send(stamp=2)
     diagnosis.says(DiagnosticStatus.OK, '100% of the pixels and 50% of the beams hold a distance')
+
+
+def test_further_pairs_and_the_centre_reach_the_matching(ros, monkeypatch):
+    given = []
+
+    def spied(left, right, **values):
+        given.append([left, right, *values['further']])
+        return match(left, right, **values)
+
+    monkeypatch.setattr('panodepth_ros.nodes.depth.match', spied)
+    bench = Bench(ros, further_pairs=2, use_center=True)
+    bench.send()
+    bench.results()
+    angles = [panorama.geometry.principal_angle for panorama in given[0]]
+    assert angles == [-PHI, PHI, -PHI / 2, PHI / 2, -PHI / 2, PHI / 2, 0.0]
+
+
+def test_sweep_without_its_further_pair_is_waited_for_and_named(ros, capfd):
+    bench = Bench(ros, further_pairs=1)
+    bench.send(stamp=1, **{'pair_1/right/image': None, 'pair_1/left/camera_info': None})
+    sets = bench.depth._matcher._sets
+    ros.spin_until(lambda: len(sets.get(10**9, ())) == 6, 'the incomplete sweep')
+    bench.send(stamp=2)
+    bench.results()
+    assert [message.header.stamp.sec for message in bench.got['scan']] == [2]
+    said = capfd.readouterr().err
+    assert 'not yet pair_1/left/camera_info, pair_1/right/image of the last one' in said
 
 
 def test_messages_of_different_stamps_are_not_mixed(ros):

@@ -13,6 +13,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
+from panodepth_ros.mosaic.sweep import panorama_names
 from panodepth_ros.nodes.mosaicer import Mosaicer
 from panodepth_ros.ros.images import to_array
 from panodepth_ros.ros.messages import panorama_geometry
@@ -37,11 +38,13 @@ class Bench:
         self.mosaicer = ros.add(
             Mosaicer(context=ros.context, parameter_overrides=parameters(**values))
         )
-        self.rig = ros.add(MessageRig(math.radians(STEP_DEG), context=ros.context))
+        step = math.radians(STEP_DEG) * values.get('stripe_columns', 1)
+        self.rig = ros.add(MessageRig(step, context=ros.context))
         self.listener = ros.node('listener')
         self.got = {}
         self.progress = []
-        for name in ('left', 'right', 'center'):
+        names = panorama_names(len(values.get('further_offsets_px', ())))
+        for name in names:
             for kind, topic in ((Image, 'image'), (CameraInfo, 'camera_info')):
                 self.got[f'{name}/{topic}'] = []
                 self.listener.create_subscription(
@@ -64,8 +67,7 @@ class Bench:
             and self.rig.count_subscribers('image_raw')
             and self.rig.count_subscribers('camera_info')
             and self.rig.count_subscribers('joint_states')
-            and self.mosaicer.count_subscribers('left/image')
-            and self.mosaicer.count_subscribers('center/camera_info')
+            and all(self.mosaicer.count_subscribers(topic) for topic in self.got)
             and self.mosaicer.count_subscribers('mosaicer/progress')
         )
 
@@ -288,6 +290,12 @@ def test_mounting_that_turns_the_columns_out_of_the_image_is_refused_live(bench)
     assert 'outside the image; allowed: 0 to 40' in result.reason
 
 
+def test_live_offset_of_a_further_pair_is_refused(ros):
+    result = Bench(ros, further_offsets_px=[13.0]).set(column_offset_px=13.0)
+    assert not result.successful
+    assert 'allowed: distances that differ' in result.reason
+
+
 def test_read_only_parameter_is_refused_live(bench):
     assert not bench.set(column_step_deg=3.0).successful
 
@@ -299,6 +307,11 @@ def test_read_only_parameter_is_refused_live(bench):
         ({'sweep_deg': 100.0}, 'sweep_deg is 100.0: 16.667 steps'),
         ({'arm_radius': -1.0}, 'arm_radius is -1.0; allowed: 0.01 to 10 m'),
         ({'arm_radius': 'wide'}, "arm_radius is 'wide'; allowed: a floating-point number"),
+        ({'stripe_columns': 7}, 'stripe_columns is 7; allowed: divisors of the 60 columns'),
+        ({'stripe_distance': 0.5, 'stripe_columns': 2}, 'stripe_distance is 0.5 m; allowed: at'),
+        ({'further_offsets_px': [0.0]}, 'further_offsets_px holds 0.0; allowed: 1 to 10000 px'),
+        ({'further_offsets_px': [9.0, 20.0]}, 'further_offsets_px is [9.0, 20.0] besides'),
+        ({'further_offsets_px': [9, 8]}, 'allowed: a list of floating-point numbers'),
         ({'column_step_dge': 0.2}, 'unknown parameter column_step_dge for mosaicer'),
     ],
 )
@@ -415,6 +428,60 @@ def test_missing_sector_is_named(ros, capfd):
     assert int(geometry.seen.sum()) == COLUMNS - 1
     said = capfd.readouterr().err
     assert 'no frame reached the columns from 66.0° to 66.0° of arm azimuth' in said
+
+
+def test_further_pairs_are_published_of_the_same_sweep(ros):
+    bench = Bench(ros, further_offsets_px=[13.0, 4.0]).ready()
+    bench.start()
+    got = bench.sweeps()
+    assert len(got) == 14
+    assert len({topic.rpartition('/')[0] for topic in got}) == 7
+    assert all(message.header == got['left/image'].header for message in got.values())
+    for name, u in (('pair_1/left', 33), ('pair_1/right', 7), ('pair_2/left', 24)):
+        assert (to_array(got[f'{name}/image'])[:, :, 1] == u).all()
+        geometry = panorama_geometry(got[f'{name}/camera_info'])
+        assert geometry.principal_angle == pytest.approx(-math.atan((u - 20) / 40))
+
+
+def test_led_sweep_of_stripes(ros):
+    bench = Bench(ros, stripe_columns=5, stripe_distance=1.5, column_offset_px=6.0).ready()
+    assert 'sweep of 60 columns in 12 frames started' in bench.call('start').message
+    got = bench.sweeps()
+    assert bench.rig.steps == 12
+    for name in ('left', 'right', 'center'):
+        pixels = to_array(got[f'{name}/image'])
+        geometry = panorama_geometry(got[f'{name}/camera_info'])
+        assert sorted(pixels[0, :, 0].tolist()) == [k for k in range(1, 13) for _ in range(5)]
+        assert geometry.seen.all()
+        assert geometry.stripe_distance == 1.5
+        u = 20 - 40 * np.tan(geometry.ray_angle)
+        assert pixels[0, :, 1] == pytest.approx(u, abs=0.51)
+        arm = geometry.ray_azimuth(np.arange(COLUMNS)) - geometry.ray_angle
+        off = arm - math.radians(5 * STEP_DEG) * pixels[0, :, 0]
+        assert np.cos(off) == pytest.approx(1.0)
+    bench.ros.spin_until(lambda: bench.progress and bench.progress[-1] == 1.0, 'progress')
+
+
+def test_stripe_that_no_frame_reached_is_unknown(ros, capfd):
+    bench = Bench(ros, lead=False, stripe_columns=5, column_offset_px=6.0).ready()
+    bench.someone_else_steps(range(4))
+    bench.rig.frames = False
+    bench.someone_else_steps([4])
+    bench.rig.frames = True
+    bench.someone_else_steps(range(5, 12))
+    geometry = panorama_geometry(bench.sweeps()['left/camera_info'])
+    assert int(geometry.seen.sum()) == COLUMNS - 5
+    said = capfd.readouterr().err
+    assert 'no frame reached the columns from 162.0° to 138.0° of arm azimuth' in said
+
+
+@pytest.mark.parametrize('columns', [1, 4, 6])
+def test_arm_that_steps_another_stripe_ends_the_sweep(ros, capfd, columns):
+    bench = Bench(ros, stripe_columns=5, column_offset_px=6.0).ready()
+    bench.rig.travel = columns / 5
+    bench.start()
+    bench.given_up()
+    assert "the arm's step_deg must be the mosaicer's 5 columns of 6°" in capfd.readouterr().err
 
 
 def test_refused_step_ends_the_sweep_without_a_result(bench):

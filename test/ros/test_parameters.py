@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from fixtures.ros import started
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -27,12 +28,16 @@ class Table:
     rate: float = parameter(2.0, 'Rate', unit='Hz', bounds=(0.5, 10.0), live=True)
     limit: float = parameter(4.0, 'At least the rate', unit='Hz', live=True)
     mode: str = parameter('slow', 'Mode', choices=('slow', 'fast'), live=True)
+    places: tuple[float, ...] = parameter((), 'Places', unit='m', bounds=(1.0, 9.0), live=True)
 
     def __post_init__(self):
         if self.rate > self.limit:
             raise ValueError(
                 f'rate is {self.rate} Hz and limit {self.limit}; allowed: rate <= limit'
             )
+
+
+LIST = 'a list of floating-point numbers, such as [1.0, 2.0]'
 
 
 def made(ros, *, on_change=None, check=None, **values):
@@ -66,12 +71,19 @@ def test_descriptor_tells_unit_range_and_whether_it_may_change(ros):
 @pytest.mark.parametrize(
     ('values', 'sentence'),
     [
-        ({'rat': 1.0}, 'unknown parameter rat for tabled; known: fixed, limit, mode, rate'),
+        (
+            {'rat': 1.0},
+            'unknown parameter rat for tabled; known: fixed, limit, mode, places, rate',
+        ),
         ({'rate': 11.0}, 'rate is 11.0; allowed: 0.5 to 10 Hz'),
         ({'fixed': 0}, 'fixed is 0; allowed: 1 to 5'),
         ({'rate': 2}, 'rate is 2; allowed: a floating-point number, such as 1.0'),
         ({'fixed': 'three'}, "fixed is 'three'; allowed: a whole number"),
         ({'mode': 'medium'}, "mode is 'medium'; allowed: slow, fast"),
+        ({'places': [2, 3]}, f'places is (2, 3); allowed: {LIST}'),
+        ({'places': 2.0}, f'places is 2.0; allowed: {LIST}'),
+        ({'places': [2.0, 0.5]}, 'places holds 0.5; allowed: 1 to 9 m'),
+        ({'places': [math.nan]}, 'places holds nan; allowed: 1 to 9 m'),
         ({'rate': 5.0}, 'rate is 5.0 Hz and limit 4.0; allowed: rate <= limit'),
     ],
 )
@@ -113,6 +125,26 @@ def test_bad_live_change_is_refused_with_a_sentence(ros, name, value, reason):
     assert (result.successful, result.reason, changes) == (False, reason, [])
 
 
+def test_list_that_is_left_out_is_an_empty_list_of_numbers(ros):
+    # rclpy takes [] for a list of bytes, and one unset parameter fails the query of all.
+    node, table = made(ros)
+    assert table.places == ()
+    assert list(node.get_parameter('places').value) == []
+    assert node.get_parameter('places').type_ == Parameter.Type.DOUBLE_ARRAY
+    assert node.describe_parameter('places').description == 'Places [m]'
+
+
+def test_list_is_given_and_set_as_numbers(ros):
+    changes = []
+    node, table = made(ros, on_change=changes.append, places=[2.0, 3.5])
+    assert table.places == (2.0, 3.5)
+    (result,) = node.set_parameters([Parameter('places', value=[4.0])])
+    assert result.successful
+    assert changes[0].places == (4.0,)
+    (result,) = node.set_parameters([Parameter('places', value=[4.0, 10.0])])
+    assert result.reason == 'places holds 10.0; allowed: 1 to 9 m'
+
+
 def test_out_of_range_and_read_only_changes_are_refused(ros):
     node, _ = made(ros)
     (result,) = node.set_parameters([Parameter('rate', value=math.inf)])
@@ -123,9 +155,16 @@ def test_out_of_range_and_read_only_changes_are_refused(ros):
     assert 'read-only' in result.reason
 
 
+def test_empty_list_in_a_parameter_file_is_refused_with_a_sentence(ros_domain):
+    with started('mosaicer', '--ros-args', '-p', 'further_offsets_px:=[]', exit_code=1) as running:
+        assert running.wait() == 1
+        assert 'given as [], whose type ROS cannot tell; leave it out instead' in running.output
+
+
 def test_markdown_table():
     lines = markdown_table(Table).splitlines()
     assert lines[2] == '| `fixed` | int | `3` |  | 1 to 5 | no | Fixed number |'
+    assert lines[6] == '| `places` | list of float | empty | m | 1 to 9 | yes | Places |'
     assert lines[3] == '| `rate` | float | `2.0` | Hz | 0.5 to 10 | yes | Rate |'
 
 

@@ -34,6 +34,15 @@ def test_same_topic_twice_does_not_complete_a_set():
     assert matcher.add('a', message(1)) is None
 
 
+def test_what_a_set_lacks_is_reported_once_when_the_next_begins():
+    lacking = []
+    matcher = StampMatcher(('a', 'b', 'c'), depth=4, report=lacking.append)
+    for stamp, topics in ((1, 'abc'), (2, 'b'), (3, 'abc'), (2, 'a')):
+        for topic in topics:
+            matcher.add(topic, message(stamp))
+    assert lacking == [['a', 'c']]
+
+
 def test_oldest_incomplete_set_is_given_up():
     matcher = StampMatcher(('a', 'b'), depth=2)
     for stamp in (1, 2, 3):
