@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from panodepth_ros.nodes.arm_driver import ArmDriverParameters
+from panodepth_ros.nodes.arm_settings import ArmDriverParameters
 from panodepth_ros.nodes.camera import CameraParameters
 from panodepth_ros.nodes.check_scan import CheckScanParameters
 from panodepth_ros.nodes.depth import DepthParameters

@@ -22,7 +22,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import NamedTuple
+from typing import NoReturn
 
 from . import grbl
 from .errors import (
@@ -33,43 +33,15 @@ from .errors import (
     ArmProtocolError,
     ArmTimeoutError,
 )
+from .interface import ArmState
 from .link import GrblLink, SentLine
+from .reports import Report, Reports
+from .spin import Leg
 
 _LOGGER = logging.getLogger(__name__)
 
 #: Status period while the arm brakes [s].
 _BRAKE_PERIOD = 0.02
-
-
-class ArmState(NamedTuple):
-    """
-    Where the arm is.
-
-    Attributes
-    ----------
-    stamp : int
-        When the position was asked for, by the clock given to the driver [ns]; strictly
-        increasing.
-    azimuth : float
-        As the controller counts it, counter-clockwise positive, not wrapped [rad].
-    velocity : float
-        0.0 only if the arm stands and has settled [rad/s].
-    """
-
-    stamp: int
-    azimuth: float
-    velocity: float
-
-
-class _Report(NamedTuple):
-    """A status report with the axis in radians."""
-
-    stamp: int
-    status: grbl.Status
-    azimuth: float
-
-    def agrees(self, other: _Report) -> bool:
-        return (self.status.state, self.azimuth) == (other.status.state, other.azimuth)
 
 
 class GrblArm:
@@ -129,22 +101,20 @@ class GrblArm:
     ) -> None:
         self.status_period = status_period
         self._axis = axis
-        self._axis_index = grbl.AXES.index(axis)
         self._settle_time = settle_time
-        self._clock = clock
-        self._listener = listener
-        self._last_stamp = 0
-        self._velocity = 0.0  # commanded for the running motion [rad/s]
         self._busy = threading.Lock()  # held by the command that runs
         self._closing = threading.Lock()  # held for ever once closed
         self._link = GrblLink(port, baud_rate, response_timeout)
+        self._reports = Reports(self._link, axis, clock, listener)
         try:
             if not self._link.greet(boot_timeout):
                 self._brake()  # another program may have left it moving
                 self._link.reset()
             self._link.require_version()
-            self._read_settings()
-            self._speed = min(speed, math.radians(self._setting(110) / 60.0))
+            self._link.ask(grbl.READ_SETTINGS)
+            self._reports.require_axis()
+            self._fastest = math.radians(self._setting(110) / 60.0)
+            self._speed = min(speed, self._fastest)
             self._check_state()
         except BaseException:
             self._link.disconnect()
@@ -165,12 +135,22 @@ class GrblArm:
     @property
     def motor_step(self) -> float:
         """Smallest motion [rad]."""
-        return math.radians(1.0 / self._setting(100))
+        return self._reports.motor_step
 
     @property
-    def releases_motor(self) -> bool:
-        """Whether the controller takes the current off the standing motor (``$1`` below 255)."""
-        return self._link.settings.get(1) not in (None, 255.0)
+    def farthest(self) -> float:
+        """Largest azimuth, of either sign, that the controller counts exactly [rad]."""
+        return self._reports.farthest
+
+    @property
+    def advice(self) -> str:
+        """What the user should change about the controller, as a sentence; empty if nothing."""
+        if self._link.settings.get(1) in (None, 255.0):
+            return ''
+        return (
+            'the controller releases the motor after each motion, which lets the arm move; '
+            'set $1=255 to hold it'
+        )
 
     def distrust(self, reason: str) -> None:
         """Declare the position uncertain until the arm is homed; ``reason`` is a sentence."""
@@ -191,7 +171,7 @@ class GrblArm:
         """
         with self._command():
             self._link.require_certainty()
-            return self._stand(self._measure())
+            return self._reports.stand(self._reports.ask_standing())
 
     def move_to(self, azimuth: float) -> ArmState:
         """
@@ -235,12 +215,66 @@ class GrblArm:
                 self._halt()
             if self._setting(22):
                 self._search_switch()
-            elif self._report().status.state == 'Alarm':
+            elif self._reports.ask().status.state == 'Alarm':
                 self._link.ask(grbl.UNLOCK)
             self._link.trust_position()
             if self._setting(22):
-                return self._stand(self._measure())
+                return self._reports.stand(self._reports.ask_standing())
             return self._move(0.0)
+
+    def spin(
+        self, speed: Callable[[], float], low: float, high: float, started: Callable[[], None]
+    ) -> NoReturn:
+        """
+        Turn steadily, back and forth between two azimuths, until interrupted.
+
+        Parameters
+        ----------
+        speed : callable
+            The wanted speed [rad/s], positive counter-clockwise first, never 0; the controller's
+            maximum limits it. When it changes the arm brakes and goes on at the new one.
+        low, high : float
+            Where the arm turns back [rad].
+        started : callable
+            Called once when the controller has accepted the motion.
+
+        Raises
+        ------
+        ArmStoppedError
+            If :meth:`stop` or :meth:`interrupt` ended it.
+        ArmError
+            Otherwise, as :meth:`move_to`.
+        """
+        accepted = False
+
+        def accept() -> None:
+            nonlocal accepted
+            if not accepted:
+                accepted = True
+                started()
+
+        with self._command():
+            self._link.require_certainty()
+            start = self._standing()
+            self._reports.stand(start)
+            wanted = way = speed()
+
+            def changed() -> bool:
+                return speed() != wanted
+
+            while True:
+                if (high - start.azimuth if way > 0.0 else start.azimuth - low) <= self.motor_step:
+                    way = -way
+                velocity = math.copysign(min(abs(way), self._fastest), way)
+                self._reports.begin(start, velocity)
+                leg = Leg(self._link, self._reports, self._axis, abs(velocity))
+                end = high if way > 0.0 else low
+                if leg.run(start, end, lambda: self.status_period, changed, accept):
+                    self._link.moving = False
+                else:
+                    self._halt()
+                    wanted = way = speed()
+                start = self._standing()
 
     def interrupt(self) -> None:
         """Begin to brake and make the running command raise; :meth:`stop` must follow."""
@@ -267,7 +301,7 @@ class GrblArm:
                 self._halt()
             except (ArmAlarmError, ArmPositionError):
                 return None  # the controller has stopped the motor by itself
-            return None if self.doubt else self._stand(self._measure())
+            return None if self.doubt else self._reports.stand(self._reports.ask_standing())
 
     def close(self) -> None:
         """Leave the arm stopped and close the port. Idempotent."""
@@ -284,19 +318,8 @@ class GrblArm:
 
     # Opening.
 
-    def _read_settings(self) -> None:
-        self._link.ask(grbl.READ_SETTINGS)
-        if len(self._report().status.position) <= self._axis_index:
-            raise ArmProtocolError(f'controller on port {self.port} has no axis {self._axis}')
-        for number in (100, 110, 120):
-            if self._setting(number) <= 0.0:
-                raise ArmProtocolError(
-                    f'controller on port {self.port} has no usable setting '
-                    f'${number + self._axis_index}'
-                )
-
     def _check_state(self) -> None:
-        if self._report().status.state != 'Alarm':
+        if self._reports.ask().status.state != 'Alarm':
             return
         if not self._setting(22):
             raise ArmAlarmError(
@@ -308,9 +331,7 @@ class GrblArm:
         )
 
     def _setting(self, number: int) -> float:
-        """One setting; those of axes (from 100 on) are named by their number for X."""
-        number += self._axis_index if number >= 100 else 0
-        return self._link.settings.get(number) or 0.0
+        return self._reports.setting(number)
 
     # Motions; the command lock is held.
 
@@ -332,39 +353,43 @@ class GrblArm:
             self._busy.release()
 
     def _move(self, azimuth: float) -> ArmState:
-        start = self._measure()
-        if start.status.state != 'Idle':
-            raise ArmProtocolError(
-                f'controller on port {self.port} is in state {start.status.state}, not Idle; '
-                'stop or home the arm first'
-            )
-        state = self._stand(start)
+        start = self._standing()
+        state = self._reports.stand(start)
         way = azimuth - start.azimuth
-        if abs(way) <= self._tolerance():
+        if abs(way) <= self._reports.tolerance:
             return state
-        self._velocity = math.copysign(self._speed, way)
         duration = abs(way) / self._speed + self._speed / math.radians(self._setting(120))
         feed = math.degrees(self._speed) * 60.0
         move = grbl.encode_move(self._axis, math.degrees(azimuth), feed)
-        self._emit(self._clock(), start.azimuth, self._velocity)
+        self._reports.begin(start, math.copysign(self._speed, way))
         self._follow(
             self._link.send(move, grbl.BARRIER, moves=True),
             1.5 * duration + self._link.response_timeout,
         )
-        arrived = self._report()
-        self._emit_moving(arrived)
+        arrived = self._reports.ask()
+        self._reports.move(arrived)
         self._sleep(self._settle_time)
-        settled = self._report()
+        settled = self._reports.ask()
         if not settled.agrees(arrived):
-            settled = self._measure()
+            settled = self._reports.ask_standing()
         self._link.moving = False
-        if settled.status.state != 'Idle' or not self._is_at(settled, azimuth):
+        off = abs(settled.azimuth - azimuth)
+        if settled.status.state != 'Idle' or off > self._reports.tolerance:
             raise ArmProtocolError(
                 f'arm on port {self.port} was sent to {math.degrees(azimuth):.3f}° but the '
                 f'controller reports {settled.status.state} at '
                 f'{math.degrees(settled.azimuth):.3f}°'
             )
-        return self._stand(settled)
+        return self._reports.stand(settled)
+
+    def _standing(self) -> Report:
+        start = self._reports.ask_standing()
+        if start.status.state != 'Idle':
+            raise ArmProtocolError(
+                f'controller on port {self.port} is in state {start.status.state}, not Idle; '
+                'stop or home the arm first'
+            )
+        return start
 
     def _follow(self, lines: list[SentLine], timeout: float) -> None:
         """Wait until the lines of a motion are answered, and tell where the arm is meanwhile."""
@@ -372,7 +397,7 @@ class GrblArm:
         while not self._link.answered(lines, self.status_period):
             if time.monotonic() > deadline:
                 raise self._link.unanswered(lines, timeout)
-            self._emit_moving(self._report())
+            self._reports.move(self._reports.ask())
         self._link.require_ok(lines)
 
     def _search_switch(self) -> None:
@@ -380,8 +405,8 @@ class GrblArm:
         timeout = 10.0 * self._link.response_timeout
         if seek > 0.0 and fine > 0.0:
             timeout += 60.0 * (1.5 * travel / seek + 10.0 * pull_off / fine)
-        self._velocity = math.radians(seek / 60.0) or self._speed
-        self._emit_moving(self._report())
+        self._reports.velocity = math.radians(seek / 60.0) or self._speed
+        self._reports.move(self._reports.ask())
         self._link.homing = True
         try:
             self._link.ask(grbl.HOME, timeout=timeout)
@@ -404,7 +429,7 @@ class GrblArm:
             if self._link.moving:
                 self._link.write(grbl.FEED_HOLD)
             try:
-                report = self._report()
+                report = self._reports.ask()
             except ArmTimeoutError:
                 if not self.doubt:
                     raise
@@ -417,81 +442,14 @@ class GrblArm:
                     f'{report.status.state}'
                 )
             self._link.moving = True
-            self._emit_moving(report)
+            self._reports.move(report)
             time.sleep(_BRAKE_PERIOD)
 
     def _braking_time(self) -> float:
         acceleration = math.radians(self._setting(120))
-        return self._speed / acceleration if acceleration > 0.0 else 5.0
-
-    # Reports.
-
-    def _report(self) -> _Report:
-        """Ask for a status report until one comes that tells the position."""
-        deadline = time.monotonic() + self._link.response_timeout
-        while time.monotonic() < deadline:
-            stamp = self._clock()
-            status = self._link.report()
-            azimuth = self._azimuth(status) if status is not None else None
-            if status is not None and azimuth is not None:
-                return _Report(stamp, status, azimuth)
-        raise ArmTimeoutError(
-            f'controller on port {self.port} did not answer a status query within '
-            f'{self._link.response_timeout:g} s'
-        )
-
-    def _measure(self) -> _Report:
-        """Ask until two reports agree that the arm stands."""
-        deadline = time.monotonic() + self._link.response_timeout
-        last = self._report()
-        while time.monotonic() < deadline:
-            report = self._report()
-            if report.agrees(last) and not report.status.moves:
-                if report.status.state == 'Alarm':
-                    self._link.lose_position(f'controller on port {self.port} is in alarm')
-                    raise ArmAlarmError(f'{self.doubt}; home the arm')
-                return report
-            last = report
-        raise ArmProtocolError(
-            f'reports of the controller on port {self.port} do not agree that the arm stands: '
-            f'{last.status.state} at {math.degrees(last.azimuth):.3f}°'
-        )
-
-    def _azimuth(self, status: grbl.Status) -> float | None:
-        if len(status.position) <= self._axis_index:
-            return 0.0  # _read_settings says so
-        value = status.position[self._axis_index]
-        if not status.machine:
-            if self._link.offset is None:
-                return None
-            value += self._link.offset[self._axis_index]
-        return math.radians(value * 25.4 if self._setting(13) else value)
-
-    def _tolerance(self) -> float:
-        """Half a motor step and the last digit of a report [rad]."""
-        digit = 25.4e-4 if self._setting(13) else 1e-3
-        return 0.5 * self.motor_step + math.radians(digit)
-
-    def _is_at(self, report: _Report, azimuth: float) -> bool:
-        return abs(report.azimuth - azimuth) <= self._tolerance()
-
-    def _stand(self, report: _Report) -> ArmState:
-        return self._emit(report.stamp, report.azimuth, 0.0)
-
-    def _emit_moving(self, report: _Report) -> None:
-        if self._velocity == 0.0:  # not a motion of this driver
-            return
-        velocity = self._velocity
-        if report.status.feed:
-            feed = report.status.feed * (25.4 if self._setting(13) else 1.0)
-            velocity = math.copysign(math.radians(feed / 60.0), velocity)
-        self._emit(report.stamp, report.azimuth, velocity)
-
-    def _emit(self, stamp: int, azimuth: float, velocity: float) -> ArmState:
-        self._last_stamp = max(stamp, self._last_stamp + 1)
-        state = ArmState(self._last_stamp, azimuth, velocity)
-        self._listener(state)
-        return state
+        if acceleration <= 0.0:  # not yet known
+            return 5.0
+        return max(self._speed, abs(self._reports.velocity)) / acceleration
 
     def _sleep(self, seconds: float) -> None:
         self._link.until(lambda: False, seconds)

@@ -31,3 +31,7 @@ class ArmStoppedError(ArmError):
 
 class ArmBusyError(ArmError):
     """The arm is executing another command."""
+
+
+class ArmLimitError(ArmError):
+    """A motion would wind the cable too far."""

@@ -14,6 +14,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from typing import NamedTuple
 
 from . import grbl
 from .errors import (
@@ -33,6 +34,24 @@ _LOGGER = logging.getLogger(__name__)
 _QUERIES = 8
 #: How many bytes of noise an error message shows.
 _NOISE = 60
+
+
+class Answer(NamedTuple):
+    """
+    A status report and when it was asked for and came.
+
+    Attributes
+    ----------
+    status : grbl.Status
+        The report.
+    asked, received : float
+        By ``time.monotonic()`` [s]; the position was read in between. ``asked`` is when the
+        first query was sent that this may be the answer to.
+    """
+
+    status: grbl.Status
+    asked: float
+    received: float
 
 
 class SentLine:
@@ -86,7 +105,8 @@ class GrblLink:
 
         self._changed = threading.Condition()  # guards what two threads share
         self._pending: deque[SentLine] = deque()
-        self._reports: deque[grbl.Status] = deque(maxlen=1)  # since the last query
+        self._reports: deque[Answer] = deque(maxlen=1)  # since the last query
+        self._asked: float | None = None  # when the first query was sent that is unanswered
         self._banner: grbl.Banner | None = None
         self._banner_wanted = True
         self._doubt = ''
@@ -191,7 +211,7 @@ class GrblLink:
         """
         deadline = time.monotonic() + timeout
         while True:
-            self.write(grbl.STATUS_QUERY)
+            self._query()
             if self.until(lambda: bool(self._banner or self._reports), self._query_timeout):
                 return self._banner is not None
             if time.monotonic() > deadline:
@@ -294,11 +314,10 @@ class GrblLink:
             f'{patience:.1f} s'
         )
 
-    def report(self) -> grbl.Status | None:
+    def report(self) -> Answer | None:
         """Ask once for a status report; None if none comes within a part of the timeout."""
         with self._changed:
-            self._reports.clear()
-            self.write(grbl.STATUS_QUERY)
+            self._query()
             if self.until(lambda: bool(self._reports), self._query_timeout):
                 return self._reports[0]
         return None
@@ -322,6 +341,12 @@ class GrblLink:
                     return False
                 self._changed.wait(remaining)
 
+    def _query(self) -> None:
+        with self._changed:
+            self._reports.clear()
+            self._asked = self._asked or time.monotonic()
+            self.write(grbl.STATUS_QUERY)
+
     @property
     def _query_timeout(self) -> float:
         return self.response_timeout / _QUERIES
@@ -339,21 +364,24 @@ class GrblLink:
     def _read(self) -> None:
         try:
             while self._reading:
-                for line in self._assembler.feed(self._line.read()):
+                data = self._line.read()
+                received = time.monotonic()
+                for line in self._assembler.feed(data):
                     with self._changed:
-                        self._receive(grbl.parse(line))
+                        self._receive(grbl.parse(line), received)
                         self._changed.notify_all()
         except ArmConnectionError as error:
             with self._changed:
                 self._broken = error
                 self._changed.notify_all()
 
-    def _receive(self, message: grbl.Message) -> None:
+    def _receive(self, message: grbl.Message, received: float) -> None:
         if isinstance(message, grbl.Ok | grbl.ErrorReply):
             if self._pending:  # else the answer to a line that a reset cut off
                 self._pending.popleft().answer = message
         elif isinstance(message, grbl.Status):
-            self._reports.append(message)
+            self._reports.append(Answer(message, self._asked or received, received))
+            self._asked = None
             self.offset = message.offset or self.offset
         elif isinstance(message, grbl.Setting):
             self.settings[message.number] = message.value

@@ -9,42 +9,66 @@ from collections.abc import Sequence
 from .truth import Piece
 
 
-def trapezoid(
-    begin: float, start: float, end: float, speed: float, acceleration: float
-) -> list[Piece]:
+def chain(
+    begin: float,
+    start: float,
+    velocity: float,
+    moves: Sequence[tuple[float, float]],
+    acceleration: float,
+) -> tuple[list[Piece], list[float]]:
     """
-    Motion from rest to rest: speed up, cruise, brake, stand.
+    Motion through several targets, ending at rest, without a stop where the direction stays.
 
     Parameters
     ----------
     begin : float
         When it begins [s].
-    start, end : float
-        From where to where [rad].
-    speed, acceleration : float
-        Largest speed [rad/s] and the acceleration [rad/s²], both > 0. On a short way the speed
-        is not reached.
+    start, velocity : float
+        Where [rad] and how fast [rad/s] the arm is then.
+    moves : sequence of (float, float)
+        Target [rad] and largest speed [rad/s], > 0, of each move; every one has a way to go.
+    acceleration : float
+        [rad/s²], > 0. On a short way the speed is not reached.
 
     Returns
     -------
-    list of Piece
-        The last one stands at ``end`` and begins when the motion is over.
+    pieces : list of Piece
+        The last one stands at the last target and begins when the motion is over.
+    ends : list of float
+        When each move is over [s].
     """
-    way = abs(end - start)
-    if way == 0.0:
-        return [Piece(begin, end)]
-    sign = math.copysign(1.0, end - start)
-    peak = min(speed, math.sqrt(acceleration * way))
-    ramp_time = peak / acceleration
-    ramp_way = 0.5 * peak * ramp_time
-    cruise_time = (way - 2.0 * ramp_way) / peak
-    braking = begin + ramp_time + cruise_time
-    return [
-        Piece(begin, start, 0.0, sign * acceleration),
-        Piece(begin + ramp_time, start + sign * ramp_way, sign * peak, 0.0),
-        Piece(braking, end - sign * ramp_way, sign * peak, -sign * acceleration),
-        Piece(braking + ramp_time, end),
-    ]
+    sources = [start, *(target for target, _ in moves)]
+    ways = [target - source for source, (target, _) in zip(sources, moves, strict=False)]
+    leaving = [0.0] * len(moves)  # speed at the end of each move, so that the rest can brake
+    for i in range(len(moves) - 1, 0, -1):
+        if ways[i] * ways[i - 1] > 0.0:
+            braked = math.sqrt(leaving[i] ** 2 + 2.0 * acceleration * abs(ways[i]))
+            leaving[i - 1] = min(moves[i][1], moves[i - 1][1], braked)
+    pieces: list[Piece] = []
+    ends: list[float] = []
+    here, entry = start, abs(velocity)
+    for (target, speed), way, wanted in zip(moves, ways, leaving, strict=True):
+        sign, length = math.copysign(1.0, way), abs(way)
+        reach = 2.0 * acceleration * length
+        slowest, fastest = math.sqrt(max(0.0, entry**2 - reach)), math.sqrt(entry**2 + reach)
+        leave = min(max(wanted, slowest), fastest)
+        peak = max(min(speed, math.sqrt(0.5 * (reach + entry**2 + leave**2))), entry, leave)
+        up = (peak**2 - entry**2) / (2.0 * acceleration)
+        down = (peak**2 - leave**2) / (2.0 * acceleration)
+        cruise = max(0.0, length - up - down)
+        if peak > entry:
+            pieces.append(Piece(begin, here, sign * entry, sign * acceleration))
+            begin += (peak - entry) / acceleration
+        if cruise > 0.0:
+            pieces.append(Piece(begin, here + sign * up, sign * peak))
+            begin += cruise / peak
+        if peak > leave:
+            pieces.append(Piece(begin, target - sign * down, sign * peak, -sign * acceleration))
+            begin += (peak - leave) / acceleration
+        here, entry = target, leave
+        ends.append(begin)
+    pieces.append(Piece(begin, here))
+    return pieces, ends
 
 
 def brake(

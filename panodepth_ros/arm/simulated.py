@@ -6,10 +6,9 @@ the firmware's ways that a driver can trip over: ``ok`` means parsed and not mov
 quantised to motor steps, numbers are 32-bit floats, a status in the same write as a move shows
 the old Idle, resets forget modes, braking takes time, homing and critical alarms answer nothing.
 
-Differences from the firmware: each move runs from rest to rest instead of blending into the next
-one; only the G-code a rotary axis needs is known (G0 G1 G4 G20 G21 G53 G54 G90 G91 G94); check
-mode, sleep, overrides, safety door, spindle and stored startup lines are absent. The rotary axis
-is X, one degree per millimetre.
+Differences from the firmware: only the G-code a rotary axis needs is known (G0 G1 G4 G20 G21 G53
+G54 G90 G91 G94); check mode, sleep, overrides, safety door, spindle and stored startup lines are
+absent. The rotary axis is X, one degree per millimetre.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from . import grbl
-from .motion import brake, state_at, trapezoid
+from .motion import brake, chain, state_at
 from .simulated_gcode import RefusedLineError, words_of
 from .truth import CAPACITY, Piece
 
@@ -160,12 +159,13 @@ class SimulatedController:
             elif due == self._dwell_until:
                 self._dwell_until = _NEVER
             else:
-                self._end_motion(due)
+                self._end_block(due)
             self._run(due)
 
     def next_event(self) -> float:
         """When something happens by itself [s]; +inf if nothing will."""
-        return min(self._boot_at, self._motion_end, self._dwell_until)
+        block_end = self._block_ends[0] if self._block_ends else _NEVER
+        return min(self._boot_at, block_end, self._motion_end, self._dwell_until)
 
     def take_output(self) -> bytes:
         """Return what was sent since the last call."""
@@ -184,6 +184,7 @@ class SimulatedController:
         self._received = bytearray()
         self._modes = _Modes()
         self._blocks: deque[tuple[float, float]] = deque()  # target [rad], speed [rad/s]
+        self._block_ends: deque[float] = deque()  # when each block is over, unless braked
         self._waiting: Callable[[float], bool] | None = None
         self._motion_end = _NEVER
         self._dwell_until = _NEVER
@@ -406,17 +407,21 @@ class SimulatedController:
         steps = int(math.copysign(math.floor(abs(exact) + 0.5), exact))
         speed = math.radians(min(feed, self.settings[110]) / 60.0)
 
-        def planned(_: float) -> bool:
+        def planned(moment: float) -> bool:
             if len(self._blocks) >= _PLANNER_BLOCKS:
                 return False
-            self._blocks.append((self._azimuth_of(steps), speed))
+            last = self._blocks[-1][0] if self._blocks else self._pieces[-1].azimuth
+            if steps != self._steps(last):
+                self._blocks.append((self._azimuth_of(steps), speed))
+                if self._block_ends:  # the moving arm need not stop before this block
+                    self._plan(moment)
             return True
 
         if not planned(now):
             self._waiting = planned
         if jog and self._blocks and self._state == 'Idle':
             self._state = 'Jog'
-            self._start_block(now)
+            self._plan(now)
 
     def _home(self, now: float) -> None:
         if not self.settings[22]:
@@ -441,7 +446,9 @@ class SimulatedController:
         self._state = 'Home'
         self._waiting = finish
         speed = math.radians(self.settings[25] / 60.0)
-        self._move(trapezoid(now, here, end, speed, math.radians(self.settings[120])))
+        acceleration = math.radians(self.settings[120])
+        moves = [(end, speed)] if end != here else []
+        self._move(chain(now, here, 0.0, moves, acceleration)[0])
 
     # The motor.
 
@@ -459,12 +466,15 @@ class SimulatedController:
     def _start_motion(self, now: float) -> None:
         if self._blocks:
             self._state = 'Run'
-            self._start_block(now)
+            self._plan(now)
 
-    def _start_block(self, now: float) -> None:
-        target, speed = self._blocks[0]
-        start = state_at(self._pieces, now)[0]
-        self._move(trapezoid(now, start, target, speed, math.radians(self.settings[120])))
+    def _plan(self, now: float) -> None:
+        """Move through all blocks, from how the arm moves now."""
+        azimuth, velocity = state_at(self._pieces, now)
+        acceleration = math.radians(self.settings[120])
+        pieces, ends = chain(now, azimuth, velocity, self._blocks, acceleration)
+        self._move(pieces)
+        self._block_ends.extend(ends)
 
     def _brake(self, now: float) -> None:
         azimuth, velocity = state_at(self._pieces, now)
@@ -485,15 +495,18 @@ class SimulatedController:
         past = [piece for piece in self._pieces if piece.begin < pieces[0].begin]
         self._pieces = (past + pieces)[-CAPACITY:]
         self._motion_end = pieces[-1].begin
+        self._block_ends.clear()
         self._publish(self._pieces)
 
-    def _end_motion(self, now: float) -> None:
-        self._motion_end = _NEVER
-        if self._state in ('Run', 'Jog') and self._blocks:
+    def _end_block(self, now: float) -> None:
+        if self._block_ends and self._block_ends[0] <= now:
+            self._block_ends.popleft()
             self._blocks.popleft()
-            if self._blocks:
-                self._start_block(now)
-                return
+        if now >= self._motion_end:
+            self._end_motion()
+
+    def _end_motion(self) -> None:
+        self._motion_end = _NEVER
         if self._state == 'Jog':
             self._modes.position = np.float32(self._steps()) / np.float32(self.settings[100])
         if self._state in ('Run', 'Jog', 'Home'):

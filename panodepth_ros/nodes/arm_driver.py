@@ -1,4 +1,4 @@
-"""The arm driver: column steps of the rotating arm as a service, its measured azimuth as joint."""
+"""The arm driver: steps and steady turns of the arm as services, its measured azimuth as joint."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -18,114 +17,40 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
-from panodepth_ros.arm.driver import ArmState, GrblArm
+from panodepth_ros.arm.cable import Cable
 from panodepth_ros.arm.errors import (
     ArmConnectionError,
     ArmError,
     ArmStoppedError,
     ArmTimeoutError,
 )
+from panodepth_ros.arm.grid import StepGrid
+from panodepth_ros.arm.interface import Arm, ArmState
+from panodepth_ros.nodes.arm_settings import ArmDriverParameters, open_arm
 from panodepth_ros.ros import qos
-from panodepth_ros.ros.parameters import declare_parameters, parameter
+from panodepth_ros.ros.parameters import declare_parameters
 from panodepth_ros.ros.process import run_node
 
 #: First and longest wait between two attempts to reopen a port that vanished [s].
 _FIRST_BACKOFF, _LONGEST_BACKOFF = 0.5, 10.0
-#: How far 360/step may be from a whole number.
-_WHOLE_TURN = 0.02
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ArmDriverParameters:
-    """Parameters of the arm driver."""
-
-    port: str = parameter('/dev/ttyUSB0', "Serial device of the arm's GRBL controller")
-    baud_rate: int = parameter(115200, 'Speed of the serial line', bounds=(1200, 4000000))
-    axis: str = parameter(
-        'X',
-        'Axis of the controller that turns the arm, its millimetres being degrees',
-        choices=('X', 'Y', 'Z', 'A', 'B', 'C'),
-    )
-    step_deg: float = parameter(
-        0.2,
-        'Turn of one step, a whole fraction of 360; negative is clockwise',
-        unit='°',
-        bounds=(-180.0, 180.0),
-    )
-    speed_deg_s: float = parameter(
-        30.0, "Largest speed; the controller's maximum limits it", unit='°/s', bounds=(0.1, 720.0)
-    )
-    settle_time: float = parameter(
-        0.1, 'How long the arm swings after a motion', unit='s', bounds=(0.0, 10.0)
-    )
-    status_rate: float = parameter(
-        10.0,
-        'Rate of joint states while the arm stands, and of status queries while it moves',
-        unit='Hz',
-        bounds=(0.1, 50.0),
-        live=True,
-    )
-    response_timeout: float = parameter(
-        1.0, 'Longest time for an answer of the controller', unit='s', bounds=(0.1, 60.0)
-    )
-    joint_name: str = parameter('panodepth_arm_joint', "The arm's joint in joint_states")
-
-    def __post_init__(self) -> None:
-        steps = 360.0 / self.step_deg if self.step_deg else math.inf
-        if math.isinf(steps) or abs(steps - round(steps)) > _WHOLE_TURN:
-            raise ValueError(
-                f'step_deg is {self.step_deg}: a turn of 360° would take {steps:.3f} steps; '
-                'allowed: whole fractions of 360°, such as 0.2'
-            )
-
-    @property
-    def step(self) -> float:
-        """One step [rad], exactly a whole fraction of a turn."""
-        return 2.0 * math.pi / round(360.0 / self.step_deg)
-
-
-class _Grid:
-    """Where the steps lead: to whole steps from an origin, so that no error accumulates."""
-
-    def __init__(self, step: float) -> None:
-        self._step = step
-        self._origin = 0.0
-        self._index: int | None = 0
-
-    def begin(self, azimuth: float) -> None:
-        """Let the steps count from an azimuth [rad]."""
-        self._origin = azimuth
-        self._index = 0
-
-    def lose(self) -> None:
-        """Forget the step; the next one is counted from the nearest."""
-        self._index = None
-
-    def next(self, azimuth: float) -> tuple[int, float]:
-        """Index and azimuth [rad] of the step that follows the arm's place."""
-        if self._index is None:
-            self._index = round((azimuth - self._origin) / self._step)
-        return self._index + 1, self._origin + (self._index + 1) * self._step
-
-    def reached(self, index: int) -> None:
-        """Note that the arm stands at a step."""
-        self._index = index
+#: Executes a command on the arm and returns what to answer; may answer before by its argument.
+Command = Callable[[Arm, Callable[[str], None]], str]
 
 
 class ArmDriver(Node):
     """Drives the arm and publishes its azimuth. Topics, services and parameters: README."""
 
     def __init__(self, **node_args: Any) -> None:
-        self._arm: GrblArm | None = None  # first: the context may destroy a half-built node
+        self._arm: Arm | None = None  # first: the context may destroy a half-built node
         self._worker: threading.Thread | None = None
         self._ending = False
         super().__init__(
             'arm_driver', automatically_declare_parameters_from_overrides=True, **node_args
         )
         self._settings = declare_parameters(self, ArmDriverParameters, self._on_parameters)
-        self._grid = _Grid(self._settings.step)
+        self._grid = StepGrid(self._settings.step)
         self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._running = ''  # name of the command that runs
         self._last_state: ArmState | None = None
@@ -146,9 +71,11 @@ class ArmDriver(Node):
             for name, callback in (
                 ('step', self._on_step),
                 ('home', self._on_home),
+                ('unwind', self._on_unwind),
                 ('stop', self._on_stop),
             ):
                 self.create_service(Trigger, f'~/{name}', callback, callback_group=group)
+            self.create_service(SetBool, '~/spin', self._on_spin, callback_group=group)
             self.create_timer(1.0, self._publish_diagnostics)
             # A daemon, so that a signal between here and the first spin cannot leave it behind.
             self._worker = threading.Thread(target=self._work, name='arm worker', daemon=True)
@@ -174,16 +101,32 @@ class ArmDriver(Node):
     async def _on_home(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return await self._run('home', self._home, response)
 
+    async def _on_unwind(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return await self._run('unwind', self._unwind, response)
+
+    async def _on_spin(
+        self, request: SetBool.Request, response: SetBool.Response
+    ) -> SetBool.Response:
+        if request.data:
+            return await self._run('spin', self._spin, response)
+        if self._running == 'spin':
+            return await self._on_stop(Trigger.Request(), response)
+        response.success = not self._running
+        response.message = (
+            f'spin refused: the arm is executing {self._running}'
+            if self._running
+            else 'the arm was not turning'
+        )
+        return response
+
     async def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._arm is not None:
             with suppress(ArmError):  # the job below reports it
                 self._arm.interrupt()
         return await self._run('stop', self._stop, response)
 
-    async def _run(
-        self, name: str, command: Callable[[GrblArm], str], response: Trigger.Response
-    ) -> Trigger.Response:
-        """Have the worker execute a command; answer when it is done."""
+    async def _run(self, name: str, command: Command, response: Any) -> Any:
+        """Have the worker execute a command; answer when it is done or says so."""
         if self._running and name != 'stop':
             response.message = f'{name} refused: the arm is executing {self._running}'
             return response
@@ -194,19 +137,27 @@ class ArmDriver(Node):
         self._running = name
         done: Future = Future(executor=self.executor)
 
-        def job() -> None:
-            try:
-                answer = (True, command(arm))
-            except ArmError as error:
-                self._last_error = str(error)
-                answer = (False, f'{name} failed: {error}')
-            if self._running == name:
-                self._running = ''
-            done.set_result(answer)
+        def answer(message: str, success: bool = True) -> None:
+            if done.done():
+                return
+            done.set_result((success, message))
             executor = self.executor
             if executor is not None:
                 with suppress(rclpy_implementation.InvalidHandle):  # it was shut down meanwhile
                     executor.wake()
+
+        def job() -> None:
+            success = True
+            try:
+                message = command(arm, answer)
+            except ArmError as error:
+                self._last_error = str(error)
+                message, success = f'{name} failed: {error}', False
+                if done.done() and not isinstance(error, ArmStoppedError):
+                    self._report(message)
+            if self._running == name:
+                self._running = ''
+            answer(message, success)
 
         self._jobs.put(job)
         response.success, response.message = await done
@@ -227,25 +178,48 @@ class ArmDriver(Node):
         if self._arm is not None:
             self._arm.close()
 
-    def _step(self, arm: GrblArm) -> str:
+    def _step(self, arm: Arm, _: Callable[[str], None]) -> str:
         here = self._last_state.azimuth if self._last_state is not None else 0.0
         index, target = self._grid.next(here)
+        self._cable(arm).require(here, target)
         state = arm.move_to(target)
         self._grid.reached(index)
         return f'the arm stands at {math.degrees(state.azimuth):.3f}°'
 
-    def _home(self, arm: GrblArm) -> str:
+    def _home(self, arm: Arm, _: Callable[[str], None]) -> str:
         self._grid.lose()
         state = arm.home()
         self._grid.begin(state.azimuth)
         self._reported = ''
         return f'the arm is home and stands at {math.degrees(state.azimuth):.3f}°'
 
-    def _stop(self, arm: GrblArm) -> str:
+    def _unwind(self, arm: Arm, _: Callable[[str], None]) -> str:
+        here = arm.measure().azimuth
+        target = self._cable(arm).unwound(here, self._settings.step)
+        if target != here:
+            self._grid.lose()
+            here = arm.move_to(target).azimuth
+        return f'the arm stands at {math.degrees(here):.3f}°'
+
+    def _spin(self, arm: Arm, answer: Callable[[str], None]) -> str:
+        self._grid.lose()
+        limit = self._cable(arm).limit
+        arm.spin(
+            lambda: math.radians(self._settings.spin_speed_deg_s),
+            -limit,
+            limit,
+            lambda: answer('the arm turns'),
+        )
+
+    def _stop(self, arm: Arm, _: Callable[[str], None]) -> str:
         state = arm.stop()
         if state is None:
             return f'the arm stands, but its position is uncertain: {arm.doubt}; call ~/home'
         return f'the arm stands at {math.degrees(state.azimuth):.3f}°'
+
+    def _cable(self, arm: Arm) -> Cable:
+        limit = math.radians(self._settings.cable_limit_deg)
+        return Cable(limit, arm.farthest, arm.motor_step)
 
     def _watch(self) -> None:
         """Publish where the standing arm is; notice when it is in trouble; reopen its port."""
@@ -290,30 +264,21 @@ class ArmDriver(Node):
 
     # --- arm ----------------------------------------------------------------------------------
 
-    def _open(self) -> GrblArm:
-        return GrblArm(
-            self._settings.port,
-            baud_rate=self._settings.baud_rate,
-            axis=self._settings.axis,
-            speed=math.radians(self._settings.speed_deg_s),
-            settle_time=self._settings.settle_time,
-            response_timeout=self._settings.response_timeout,
-            status_period=1.0 / self._settings.status_rate,
-            clock=lambda: int(self.get_clock().now().nanoseconds),
-            listener=self._publish_state,
+    def _open(self) -> Arm:
+        return open_arm(
+            self._settings,
+            lambda: int(self.get_clock().now().nanoseconds),
+            self._publish_state,
         )
 
-    def _check_step(self, arm: GrblArm) -> None:
+    def _check_step(self, arm: Arm) -> None:
         if abs(self._settings.step) < 0.999 * arm.motor_step:
             raise ValueError(
                 f'step_deg is {self._settings.step_deg}: smaller than a motor step; allowed: '
                 f'{math.degrees(arm.motor_step):.4g} and more on this arm'
             )
-        if arm.releases_motor:
-            self.get_logger().warning(
-                'the controller releases the motor after each motion, which lets the arm move; '
-                'set $1=255 to hold it'
-            )
+        if arm.advice:
+            self.get_logger().warning(arm.advice)
 
     def _close(self) -> None:
         self._ending = True

@@ -9,9 +9,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import serial
-from fixtures.arm import FAST, ArmServer, ScriptedPort, wait_until
+from fixtures.arm import FAST, ArmBench, ScriptedPort, wait_until
 
-from panodepth_ros.arm.driver import GrblArm
 from panodepth_ros.arm.errors import (
     ArmAlarmError,
     ArmBusyError,
@@ -24,42 +23,13 @@ from panodepth_ros.arm.errors import (
 )
 
 DEG = math.pi / 180.0
-SPEED = 30.0 * DEG
-
-
-class Bench:
-    """Servers and drivers, closed at the end."""
-
-    def __init__(self, folder):
-        self.link = folder / 'arm'
-        self.closing = []
-        self.states = []
-
-    def serve(self, settings=None, **arguments):
-        self.server = ArmServer(self.link, settings, **arguments)
-        self.closing.append(self.server.unplug)
-        return self.server
-
-    def connect(self, **arguments):
-        arguments = {'speed': SPEED, 'listener': self.states.append, **arguments}
-        arm = GrblArm(arguments.pop('port', str(self.link)), **arguments)
-        self.closing.append(arm.close)
-        return arm
-
-    def connect_moving(self, azimuth, **arguments):
-        """Connect and send the arm on a long way; the future holds how that ends."""
-        arm = self.connect(**arguments)
-        future = ThreadPoolExecutor(1).submit(arm.move_to, azimuth)
-        wait_until(lambda: abs(self.server.true_azimuth()) > 0.5 * DEG, 'the motion')
-        return arm, future
+SPEED = 30.0 * DEG  # of the bench
 
 
 @pytest.fixture
 def bench(tmp_path):
-    bench = Bench(tmp_path)
-    yield bench
-    for close in reversed(bench.closing):
-        close()
+    with ArmBench(tmp_path) as bench:
+        yield bench
 
 
 def scripted(bench, answer):
@@ -260,7 +230,7 @@ def test_motor_facts_are_read(bench):
     bench.serve({'steps_per_degree': 40.0, 1: 25})
     arm = bench.connect()
     assert arm.motor_step == pytest.approx(DEG / 40)
-    assert arm.releases_motor
+    assert 'set $1=255' in arm.advice
 
 
 def test_speed_is_limited_by_the_controller(bench):

@@ -316,3 +316,32 @@ def test_any_bytes_leave_a_controller_that_works_after_a_reset(portions):
     bench.say('$X\n')
     assert bench.say('G53G21G90G94G1X1F6000\nG4P0\n', wait=1e9).endswith('ok\r\nok\r\n')
     assert bench.status() == ('Idle', '1.000')
+
+
+def test_queued_moves_of_one_direction_do_not_stop_in_between():
+    bench = Bench(motor={'acceleration': 100.0})
+    bench.say('G1X10F600\nG1X20F600\n', wait=1.0)
+    bench.say('G1X30F600\n', wait=1.06)  # at 20.1°, less than a stop's way into the last one
+    assert re.match(r'<Run\|MPos:20\.\d+,0\.000,0\.000\|FS:600,0', bench.say('?'))
+    bench.say('', wait=1.1)
+    assert bench.status() == ('Idle', '30.000')
+
+
+def test_line_beyond_the_planner_is_answered_when_a_block_is_over():
+    bench = Bench()
+    lines = ''.join(f'G1X{k}F600\n' for k in range(1, 17))
+    assert bench.say(lines[:120]).count('ok') == 12
+    assert bench.say(lines[120:]).count('ok') == 3
+    assert bench.say('', wait=0.05) == ''
+    assert bench.say('', wait=0.1) == 'ok\r\n'
+
+
+def test_hold_brakes_within_the_queue_and_resuming_ends_it():
+    bench = Bench(motor={'acceleration': 100.0})
+    bench.say('G1X10F600\nG1X20F600\n', wait=0.97)
+    bench.say('!', wait=0.2)
+    state, place = bench.status()
+    assert state == 'Hold:0'
+    assert 9.0 < float(place) < 11.0
+    bench.say('~', wait=2.0)
+    assert bench.status() == ('Idle', '20.000')

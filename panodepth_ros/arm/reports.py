@@ -1,0 +1,249 @@
+"""Status reports of a GRBL controller as azimuths, checked, and told to who listens."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+from panodepth_ros.turning import Reading, TurnEstimator
+
+from . import grbl
+from .errors import ArmAlarmError, ArmProtocolError, ArmTimeoutError
+from .interface import ArmState
+from .link import Answer, GrblLink
+
+#: Whole motor steps that a position may count: 32-bit floats hold an eighth of a step there.
+_COUNTED_STEPS = 2.0**21
+#: How many round trips the shortest one is taken from.
+_ROUND_TRIPS = 64
+
+
+class Report(NamedTuple):
+    """
+    A status report with the axis in radians.
+
+    Attributes
+    ----------
+    stamp : int
+        When it was asked for, by the driver's clock [ns].
+    status : grbl.Status
+        As it came.
+    azimuth : float
+        [rad].
+    round_trip : float
+        From the query to the answer [s]; +inf if the answer may be that to an older query.
+    """
+
+    stamp: int
+    status: grbl.Status
+    azimuth: float
+    round_trip: float
+
+    def agrees(self, other: Report) -> bool:
+        """Whether both say the same of the arm."""
+        return (self.status.state, self.azimuth) == (other.status.state, other.azimuth)
+
+
+class Reports:
+    """
+    Asks for reports, reads the axis out of them and emits states.
+
+    Parameters
+    ----------
+    link : GrblLink
+        The controller.
+    axis : str
+        Letter of the rotary axis.
+    clock : callable
+        Gives the stamps of states [ns].
+    listener : callable
+        Called with every state.
+
+    Attributes
+    ----------
+    velocity : float
+        Commanded for the running motion [rad/s].
+    """
+
+    def __init__(
+        self,
+        link: GrblLink,
+        axis: str,
+        clock: Callable[[], int],
+        listener: Callable[[ArmState], None],
+    ) -> None:
+        self.velocity = 0.0
+        self._link = link
+        self._axis = axis
+        self._axis_index = grbl.AXES.index(axis)
+        self._clock = clock
+        self._listener = listener
+        self._last_stamp = 0
+        self._round_trips: deque[float] = deque(maxlen=_ROUND_TRIPS)
+        self._estimator: TurnEstimator | None = None
+
+    # The axis.
+
+    def require_axis(self) -> None:
+        """
+        Make sure that the controller has the axis and its settings.
+
+        Raises
+        ------
+        ArmProtocolError
+            If it has not.
+        """
+        if len(self.ask().status.position) <= self._axis_index:
+            raise ArmProtocolError(
+                f'controller on port {self._link.port} has no axis {self._axis}'
+            )
+        for number in (100, 110, 120):
+            if self.setting(number) <= 0.0:
+                raise ArmProtocolError(
+                    f'controller on port {self._link.port} has no usable setting '
+                    f'${number + self._axis_index}'
+                )
+        self._estimator = TurnEstimator(self.motor_step)
+
+    def setting(self, number: int) -> float:
+        """One setting; those of axes (from 100 on) are named by their number for X."""
+        number += self._axis_index if number >= 100 else 0
+        return self._link.settings.get(number) or 0.0
+
+    @property
+    def motor_step(self) -> float:
+        """Smallest motion [rad]."""
+        return math.radians(1.0 / self.setting(100))
+
+    @property
+    def farthest(self) -> float:
+        """Largest azimuth that is counted exactly [rad]."""
+        return _COUNTED_STEPS * self.motor_step
+
+    @property
+    def tolerance(self) -> float:
+        """Half a motor step and the last digit of a report [rad]."""
+        return 0.5 * self.motor_step + math.radians(self._digit)
+
+    @property
+    def _digit(self) -> float:
+        return 25.4e-4 if self.setting(13) else 1e-3
+
+    def _azimuth(self, status: grbl.Status) -> float | None:
+        if len(status.position) <= self._axis_index:
+            return 0.0  # require_axis says so
+        value = status.position[self._axis_index]
+        if not status.machine:
+            if self._link.offset is None:
+                return None
+            value += self._link.offset[self._axis_index]
+        return math.radians(self._whole_steps(value * 25.4 if self.setting(13) else value))
+
+    def _whole_steps(self, value: float) -> float:
+        """Undo the rounding of a report, if a whole number of motor steps explains it."""
+        per_degree = self.setting(100)
+        if per_degree <= 0.0:
+            return value
+        exact = round(value * per_degree) / per_degree
+        return exact if abs(exact - value) <= 0.51 * self._digit else value
+
+    # Asking.
+
+    def ask(self) -> Report:
+        """
+        Ask for a status report until one comes that tells the position.
+
+        Raises
+        ------
+        ArmTimeoutError
+            If none comes.
+        """
+        deadline = time.monotonic() + self._link.response_timeout
+        while time.monotonic() < deadline:
+            stamp, begin = self._clock(), time.monotonic()
+            answer = self._link.report()
+            azimuth = self._azimuth(answer.status) if answer is not None else None
+            if answer is not None and azimuth is not None:
+                return Report(stamp, answer.status, azimuth, _round_trip(answer, begin))
+        raise ArmTimeoutError(
+            f'controller on port {self._link.port} did not answer a status query within '
+            f'{self._link.response_timeout:g} s'
+        )
+
+    def ask_standing(self) -> Report:
+        """
+        Ask until two reports agree that the arm stands.
+
+        Raises
+        ------
+        ArmAlarmError
+            If the controller is in alarm.
+        ArmProtocolError
+            If reports keep to disagree.
+        ArmTimeoutError
+            If none comes.
+        """
+        deadline = time.monotonic() + self._link.response_timeout
+        last = self.ask()
+        while time.monotonic() < deadline:
+            report = self.ask()
+            if report.agrees(last) and not report.status.moves:
+                if report.status.state == 'Alarm':
+                    self._link.lose_position(f'controller on port {self._link.port} is in alarm')
+                    raise ArmAlarmError(f'{self._link.doubt}; home the arm')
+                return report
+            last = report
+        raise ArmProtocolError(
+            f'reports of the controller on port {self._link.port} do not agree that the arm '
+            f'stands: {last.status.state} at {math.degrees(last.azimuth):.3f}°'
+        )
+
+    # Telling.
+
+    def begin(self, start: Report, velocity: float) -> None:
+        """Tell that a motion of a commanded velocity [rad/s] begins."""
+        self.velocity = velocity
+        if self._estimator is not None:
+            self._estimator.clear()
+        self._emit(self._clock(), start.azimuth, velocity)
+
+    def stand(self, report: Report) -> ArmState:
+        """Tell that the arm stands and has settled."""
+        return self._emit(report.stamp, report.azimuth, 0.0)
+
+    def move(self, report: Report) -> None:
+        """Tell that the arm moves, as reported."""
+        if self.velocity == 0.0:  # not a motion of this driver
+            return
+        velocity = self.velocity
+        if report.status.feed:
+            feed = report.status.feed * (25.4 if self.setting(13) else 1.0)
+            velocity = math.copysign(math.radians(feed / 60.0), velocity)
+        self._emit(report.stamp, report.azimuth, velocity)
+
+    def turn(self, report: Report) -> None:
+        """Tell how the arm turns: by a line through the last reports, as soon as one fits."""
+        estimate = None
+        if self._estimator is not None and report.stamp > self._last_stamp:
+            if math.isfinite(report.round_trip):
+                self._round_trips.append(report.round_trip)
+                delay = report.round_trip - min(self._round_trips)
+                self._estimator.add(Reading(report.stamp, report.azimuth, delay))
+            estimate = self._estimator.at(report.stamp)
+        if estimate is None or estimate.velocity == 0.0:
+            self.move(report)
+        else:
+            self._emit(report.stamp, estimate.azimuth, estimate.velocity)
+
+    def _emit(self, stamp: int, azimuth: float, velocity: float) -> ArmState:
+        self._last_stamp = max(stamp, self._last_stamp + 1)
+        state = ArmState(self._last_stamp, azimuth, velocity)
+        self._listener(state)
+        return state
+
+
+def _round_trip(answer: Answer, begin: float) -> float:
+    return answer.received - begin if answer.asked >= begin else math.inf
