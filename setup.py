@@ -44,10 +44,12 @@ setup(
         'jazzy': pinned('jazzy'),
         'kilted': pinned('kilted'),
         'bag': ['rosbags>=0.11.6'],
+        'dynamixel': ['dynamixel-sdk>=3.7.31'],
         'plot': ['matplotlib>=3.6'],
         'report': ['plotly>=5.18'],
         'test': [
             'colcon-common-extensions==0.3.0',
+            'dynamixel-sdk>=3.7.31',
             'hypothesis>=6.80',
             'mcap-ros2-support>=0.5',
             'mypy==2.4.1',

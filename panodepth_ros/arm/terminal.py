@@ -8,10 +8,13 @@ import os
 import select
 import time
 import tty
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
+from typing import Protocol
 
 from .simulated import SimulatedController
+from .simulated_line import PacedLine
 from .truth import TruthWriter, truth_path
 
 _LOGGER = logging.getLogger(__name__)
@@ -22,6 +25,25 @@ _OPEN_POLL = 0.02
 
 class TerminalError(RuntimeError):
     """The link of the pseudo-terminal cannot be made."""
+
+
+class Controller(Protocol):
+    """A simulated controller with its arm, as :class:`SimulatedController` describes it."""
+
+    def power_up(self, now: float) -> None:
+        """Start as after power-up."""
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes."""
+
+    def advance(self, now: float) -> None:
+        """Let everything happen that is due."""
+
+    def next_event(self) -> float:
+        """When something happens by itself [s]."""
+
+    def take_output(self) -> bytes:
+        """Return what was sent since the last call."""
 
 
 class SimulatedArm:
@@ -39,8 +61,12 @@ class SimulatedArm:
         over by a program that died is replaced.
     reset_on_open : bool
         False for a board that runs on when its port is opened.
+    baud_rate : float
+        Bits per second that the line carries; +inf for one that takes no time.
+    controller_type : type
+        What is on the far side of the line.
     **controller
-        Arguments of :class:`SimulatedController` but ``publish``.
+        Its arguments but ``publish``.
 
     Raises
     ------
@@ -51,17 +77,21 @@ class SimulatedArm:
     """
 
     def __init__(
-        self, link: str | os.PathLike[str], *, reset_on_open: bool = True, **controller: object
+        self,
+        link: str | os.PathLike[str],
+        *,
+        reset_on_open: bool = True,
+        baud_rate: float = math.inf,
+        controller_type: Callable[..., Controller] = SimulatedController,
+        **controller: object,
     ) -> None:
         self.link = Path(link)
         self._reset_on_open = reset_on_open
+        self._line = PacedLine(baud_rate)
         if self.link.exists() and not self.link.is_symlink():
             raise TerminalError(f'{self.link} exists and is not a link of a simulated arm')
         self._truth = TruthWriter(truth_path(self.link))
-        self.controller = SimulatedController(
-            publish=self._truth.write,
-            **controller,  # type: ignore[arg-type] # checked by the controller's signature
-        )
+        self.controller = controller_type(publish=self._truth.write, **controller)
         self._master, terminal = os.openpty()
         tty.setraw(terminal)
         self.terminal = os.ttyname(terminal)
@@ -94,7 +124,9 @@ class SimulatedArm:
     def run(self) -> None:
         """Serve until :meth:`stop`."""
         while True:
-            events = dict(self._poll.poll(self._patience()))
+            if self._open:
+                select.select([self._wake, self._master], [], [], self._patience())
+            events = dict(self._poll.poll(0))
             if self._wake in events:
                 os.read(self._wake, 64)
             if self._stopping:
@@ -103,15 +135,31 @@ class SimulatedArm:
             is_open = not events.get(self._master, 0) & select.POLLHUP
             if is_open and not self._open:
                 self.controller.take_output()  # what was sent while nobody listened is lost
+                self._line.clear()
                 if self._reset_on_open:
                     self.controller.power_up(now)
             self._open = is_open
-            self.controller.advance(now)
             if events.get(self._master, 0) & select.POLLIN:  # also what came before a hang-up
-                self.controller.receive(os.read(self._master, 4096), now)
-            self.send(self.controller.take_output())
+                self._line.send(os.read(self._master, 4096), now)
+            self._pass_on(now)
             if not is_open:
                 time.sleep(_OPEN_POLL)  # a hung-up terminal is always ready
+
+    def _pass_on(self, now: float) -> None:
+        """Let happen what is due, in its order."""
+        while (due := self.controller.next_event()) <= now:
+            self._hear(due)
+            self.controller.advance(due)
+            self._line.answer(self.controller.take_output(), due)
+        self._hear(now)
+        self.controller.advance(now)
+        self._line.answer(self.controller.take_output(), now)
+        self.send(self._line.answered(now))
+
+    def _hear(self, now: float) -> None:
+        for moment, data in self._line.arrived(now):
+            self.controller.receive(data, moment)
+            self._line.answer(self.controller.take_output(), moment)
 
     def send(self, data: bytes) -> None:
         """Send bytes to whoever has the port open; they are lost if nobody has."""
@@ -141,10 +189,6 @@ class SimulatedArm:
             os.close(descriptor)
         self._truth.close()
 
-    def _patience(self) -> float | None:  # [ms]
-        if not self._open:
-            return 0.0  # being opened is no event
-        due = self.controller.next_event()
-        if due == math.inf:
-            return None
-        return max(0.0, math.ceil((due - time.monotonic()) * 1e3))
+    def _patience(self) -> float | None:  # [s]
+        due = min(self.controller.next_event(), self._line.next_event())
+        return None if due == math.inf else max(0.0, due - time.monotonic())

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from panodepth_ros.arm.driver import GrblArm
+from panodepth_ros.arm.dynamixel import DynamixelArm
 from panodepth_ros.arm.interface import Arm, ArmState
 from panodepth_ros.ros.parameters import parameter
 
@@ -18,11 +19,17 @@ _WHOLE_TURN = 0.02
 class ArmDriverParameters:
     """Parameters of the arm driver."""
 
-    port: str = parameter('/dev/ttyUSB0', "Serial device of the arm's GRBL controller")
+    driver: str = parameter(
+        'grbl', 'What drives the arm: a GRBL controller or a servo', choices=('grbl', 'dynamixel')
+    )
+    port: str = parameter(
+        '/dev/ttyUSB0', 'Serial device of the arm, best /dev/serial/by-id/... to be found again'
+    )
     baud_rate: int = parameter(115200, 'Speed of the serial line', bounds=(1200, 4000000))
+    servo_id: int = parameter(1, 'Number of the servo on its bus', bounds=(0, 252))
     axis: str = parameter(
         'X',
-        'Axis of the controller that turns the arm, its millimetres being degrees',
+        'Axis of the GRBL controller that turns the arm, its millimetres being degrees',
         choices=('X', 'Y', 'Z', 'A', 'B', 'C'),
     )
     step_deg: float = parameter(
@@ -109,6 +116,18 @@ def open_arm(
     ArmError
         If the arm cannot be used.
     """
+    if settings.driver == 'dynamixel':
+        return DynamixelArm(
+            settings.port,
+            baud_rate=settings.baud_rate,
+            servo_id=settings.servo_id,
+            speed=math.radians(settings.speed_deg_s),
+            settle_time=settings.settle_time,
+            response_timeout=settings.response_timeout,
+            status_period=1.0 / settings.status_rate,
+            clock=clock,
+            listener=listener,
+        )
     return GrblArm(
         settings.port,
         baud_rate=settings.baud_rate,

@@ -12,7 +12,7 @@ from fixtures.ros import started
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from panodepth_ros.arm.errors import ArmAlarmError, ArmConnectionError, ArmTimeoutError
 from panodepth_ros.nodes.arm_driver import ArmDriver, ArmDriverParameters
@@ -39,8 +39,9 @@ class Listener:
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self.diagnostics.append, 10)
         self.clients = {
             name: self.node.create_client(Trigger, f'arm_driver/{name}')
-            for name in ('step', 'home', 'stop')
+            for name in ('step', 'home', 'stop', 'unwind')
         }
+        self.spin_client = self.node.create_client(SetBool, 'arm_driver/spin')
 
     def connect(self):
         self.ros.spin_until(
@@ -54,6 +55,20 @@ class Listener:
 
     def begin(self, name):
         return self.clients[name].call_async(Trigger.Request())
+
+    def spin(self, data):
+        future = self.spin_client.call_async(SetBool.Request(data=data))
+        return self.ros.result(future, 'answer of spin')
+
+    def set(self, **values):
+        client = self.node.create_client(SetParameters, 'arm_driver/set_parameters')
+        self.ros.spin_until(client.service_is_ready, 'set_parameters')
+        parameters = [
+            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+        ]
+        request = SetParameters.Request(parameters=parameters)
+        (result,) = self.ros.result(client.call_async(request)).results
+        return result
 
     def call(self, name):
         return self.ros.result(self.begin(name), f'answer of {name}')
@@ -163,13 +178,7 @@ def test_joint_states_of_a_step_come_in_the_order_that_frames_are_paired_by(make
 
 def test_standing_arm_is_reported_and_its_rate_may_change(make_bench):
     bench = make_bench(joint_name='neck', status_rate=0.5)
-    client = bench.node.create_client(SetParameters, 'arm_driver/set_parameters')
-    bench.ros.spin_until(client.service_is_ready, 'set_parameters')
-    request = SetParameters.Request(
-        parameters=[Parameter('status_rate', value=50.0).to_parameter_msg()]
-    )
-    (result,) = bench.ros.result(client.call_async(request)).results
-    assert result.successful
+    assert bench.set(status_rate=50.0).successful
     assert bench.driver._arm.status_period == 0.02
     bench.joint_states.clear()
     bench.ros.spin_until(lambda: len(bench.joint_states) >= 20, '20 joint states')
@@ -260,6 +269,102 @@ def test_arm_with_a_switch_steps_only_after_homing(make_bench, ros, tmp_path):
         ros.nodes[-1].destroy_node()
     finally:
         server.unplug()
+
+
+# --- steady turning and the cable --------------------------------------------------------------
+
+
+def test_spin_turns_until_told_otherwise_and_excludes_steps(make_bench):
+    bench = make_bench(step_deg=10.0, status_rate=50.0)
+    answer = bench.spin(True)
+    assert (answer.success, answer.message) == (True, 'the arm turns')
+    bench.wait_until_moving(beyond=20.0)
+    for name in ('step', 'home', 'unwind'):
+        assert bench.call(name).message == f'{name} refused: the arm is executing spin'
+    assert bench.spin(True).message == 'spin refused: the arm is executing spin'
+    assert bench.status().message == 'spin'
+    answer = bench.spin(False)
+    assert answer.success
+    assert not bench.server.is_moving()
+    assert answer.message == f'the arm stands at {bench.true_degrees():.3f}°'
+    assert bench.spin(False).message == 'the arm was not turning'
+    turning = [m for m in bench.joint_states if m.velocity[0]]
+    assert len(turning) > 10
+    assert all(m.velocity[0] > 0.0 for m in turning)
+    nearest = round(bench.true_degrees() / 10.0)
+    assert bench.call('step').success
+    assert bench.true_degrees() == pytest.approx((nearest + 1) * 10.0)
+
+
+def test_spin_is_refused_while_a_step_runs(make_bench):
+    bench = make_bench(step_deg=120.0)
+    step = bench.begin('step')
+    bench.wait_until_moving()
+    for data in (True, False):
+        answer = bench.spin(data)
+        assert not answer.success
+        assert answer.message == 'spin refused: the arm is executing step'
+    bench.call('stop')
+    bench.ros.result(step)
+
+
+def test_spin_speed_is_live_and_its_sign_the_direction(make_bench):
+    bench = make_bench(spin_speed_deg_s=-50.0)
+    assert bench.spin(True).success
+    bench.ros.spin_until(lambda: bench.true_degrees() < -5.0, 'the turn clockwise')
+    assert bench.set(spin_speed_deg_s=50.0).successful
+    bench.ros.spin_until(lambda: bench.true_degrees() > 0.0, 'the turn back')
+    result = bench.set(spin_speed_deg_s=0.0)
+    assert not result.successful
+    assert 'spin_speed_deg_s is 0.0; allowed: 0.1 to 720' in result.reason
+    assert bench.call('stop').success
+
+
+def test_trouble_ends_a_spin_that_stays_ended(make_bench, capfd):
+    bench = make_bench()
+    assert bench.spin(True).success
+    bench.wait_until_moving()
+    bench.server.alarm(1)
+    bench.ros.spin_until(lambda: 'ALARM:1' in bench.driver._last_error, 'the alarm')
+    assert 'spin failed: controller on port' in capfd.readouterr().err
+    answer = bench.spin(True)
+    assert not answer.success
+    assert 'ALARM:1' in answer.message
+    assert not bench.server.is_moving()
+
+
+def test_cable_limits_steps_until_unwound(make_bench):
+    bench = make_bench(
+        settings={'max_rate': 20000.0, 'acceleration': 5e7},
+        speed_deg_s=720.0,
+        step_deg=180.0,
+        cable_limit_deg=360.0,
+    )
+    for sweep in range(2):
+        for k in (1, 2):
+            assert bench.call('step').success
+            assert bench.true_degrees() == pytest.approx(180.0 * k)
+        answer = bench.call('step')
+        assert not answer.success
+        assert 'beyond cable_limit_deg, ±360°; call ~/unwind or ~/home' in answer.message
+        assert bench.call('unwind').message == 'the arm stands at 0.000°', sweep
+    assert bench.call('unwind').success
+    assert bench.true_degrees() == pytest.approx(0.0)
+
+
+def test_spin_turns_back_at_the_cable_limit(make_bench):
+    bench = make_bench(
+        settings={'max_rate': 7200.0, 'acceleration': 20000.0},
+        spin_speed_deg_s=720.0,
+        cable_limit_deg=180.0,
+    )
+    seen = []
+    assert bench.spin(True).success
+    bench.ros.spin_until(
+        lambda: seen.append(bench.true_degrees()) or min(seen) < -150.0, 'the way back'
+    )
+    assert bench.spin(False).success
+    assert 150.0 < max(seen) < 180.03
 
 
 # --- faults -----------------------------------------------------------------------------------
@@ -369,6 +474,8 @@ def test_diagnostics_tell_state_port_and_position(make_bench):
         ({'step_deg': 0.7}, r'step_deg is 0\.7: a turn of 360° would take 514\.286 steps'),
         ({'step_deg': 0.0}, r'step_deg is 0\.0.*allowed: whole fractions of 360°'),
         ({'step_deg': 500.0}, r'step_deg is 500\.0; allowed: -180 to 180 °'),
+        ({'cable_limit_deg': 90.0}, r'cable_limit_deg is 90\.0; allowed: 0 .* or 180 and more'),
+        ({'spin_speed_deg_s': 0.05}, r'spin_speed_deg_s is 0\.05; allowed: 0\.1 to 720'),
         ({'axis': 'Q'}, "axis is 'Q'; allowed: X, Y, Z, A, B, C"),
         ({'speed_deg_s': 0.0}, r'speed_deg_s is 0\.0; allowed'),
         ({'baud_rate': 115200.0}, 'baud_rate is 115200.0; allowed: a whole number'),

@@ -1,0 +1,160 @@
+"""One Dynamixel servo on its serial bus, by ROBOTIS' dynamixel-sdk, every fault an ArmError."""
+
+from __future__ import annotations
+
+import termios
+import time
+from collections.abc import Callable
+from typing import Any
+
+import serial
+
+from .errors import ArmConnectionError, ArmError, ArmProtocolError, ArmTimeoutError
+
+#: How long one read of the port waits for bytes [s].
+_READ_TIMEOUT = 0.005
+#: Bit of a status packet's error that says that the servo has a hardware error.
+_ALERT = 0x80
+#: What a servo may take to start again [s].
+_RESTART_TIME = 0.5
+
+_MISSING = (
+    "driver is 'dynamixel', which needs the package dynamixel-sdk; "
+    "install it: pip install 'panodepth_ros[dynamixel]'"
+)
+
+
+class DynamixelBus:
+    """
+    An opened port and the one servo that is spoken to. For one thread at a time.
+
+    Parameters
+    ----------
+    port : str
+        Serial device.
+    baud_rate : int
+        Bits per second.
+    servo_id : int
+        The servo's number.
+    response_timeout : float
+        How long questions are repeated until an answer comes [s].
+
+    Raises
+    ------
+    ArmError
+        If the SDK is not installed.
+    ArmConnectionError
+        If the port cannot be opened.
+    """
+
+    def __init__(self, port: str, baud_rate: int, servo_id: int, response_timeout: float) -> None:
+        try:
+            import dynamixel_sdk  # noqa: PLC0415 - optional
+        except ImportError as error:
+            raise ArmError(_MISSING) from error
+        self.port = port
+        self._servo_id = servo_id
+        self._response_timeout = response_timeout
+        self._packets = dynamixel_sdk.Protocol2PacketHandler()
+        try:
+            self._serial = serial.Serial(
+                port, baud_rate, timeout=_READ_TIMEOUT, write_timeout=1.0, exclusive=True
+            )
+        except (OSError, ValueError, termios.error) as error:
+            raise ArmConnectionError(f'cannot open port {port}: {error}') from error
+        self._handler = _handler(dynamixel_sdk, self._serial, baud_rate)
+
+    def ping(self) -> None:
+        """Make sure that the servo is there."""
+        self._ask('a ping', lambda: self._packets.ping(self._handler, self._servo_id)[1:])
+
+    def read(self, address: int, length: int) -> int:
+        """One unsigned value of the control table."""
+        return int.from_bytes(self.read_block(address, length), 'little')
+
+    def read_block(self, address: int, length: int) -> bytes:
+        """Read bytes of the control table."""
+        data: list[int] = []
+
+        def ask() -> tuple[int, int]:
+            nonlocal data
+            data, result, error = self._packets.readTxRx(
+                self._handler, self._servo_id, address, length
+            )
+            return result, error
+
+        self._ask(f'a query of address {address}', ask)
+        if len(data) != length:
+            raise ArmProtocolError(
+                f'servo {self._servo_id} on port {self.port} answered a query of address '
+                f'{address} with {len(data)} bytes instead of {length}'
+            )
+        return bytes(data)
+
+    def write(self, address: int, length: int, value: int) -> None:
+        """Write one value of the control table."""
+        data = list(value.to_bytes(length, 'little', signed=value < 0))
+        self._ask(
+            f'{value} for address {address}',
+            lambda: self._packets.writeTxRx(self._handler, self._servo_id, address, length, data),
+        )
+
+    def restart(self) -> None:
+        """Restart the servo, which ends a hardware error, and wait for it."""
+        self._ask('a restart', lambda: self._packets.reboot(self._handler, self._servo_id))
+        time.sleep(_RESTART_TIME)
+
+    def close(self) -> None:
+        """Close the port. Idempotent."""
+        self._serial.close()
+
+    def _ask(self, what: str, ask: Callable[[], tuple[int, int]]) -> None:
+        """Repeat a question until it is answered."""
+        deadline = time.monotonic() + self._response_timeout
+        while True:
+            try:
+                result, error = ask()
+            except (OSError, TypeError, termios.error) as fault:  # pyserial closed: TypeError
+                raise ArmConnectionError(
+                    f'connection on port {self.port} is lost: {fault}'
+                ) from fault
+            except (IndexError, ValueError) as fault:  # the SDK stumbled over a broken packet
+                result, error = -1, 0
+                reason = f'broken packet ({fault})'
+            else:
+                reason = self._packets.getTxRxResult(result)
+            self._handler.is_using = False
+            if result == 0:
+                break
+            if time.monotonic() > deadline:
+                raise ArmTimeoutError(
+                    f'servo {self._servo_id} on port {self.port} did not answer {what} within '
+                    f'{self._response_timeout:g} s: {reason}; is it switched on, and are '
+                    'servo_id and baud_rate right?'
+                )
+        if error & ~_ALERT:
+            raise ArmProtocolError(
+                f'servo {self._servo_id} on port {self.port} refused {what}: '
+                f'{self._packets.getRxPacketError(error & ~_ALERT)}'
+            )
+
+
+def _handler(sdk: Any, port: serial.Serial, baud_rate: int) -> Any:
+    """Make a port handler of the SDK's on an opened port; it waits and ends in endless noise."""
+
+    class Handler(sdk.PortHandler):  # type: ignore[misc] # the SDK has no types
+        def readPort(self, length: int) -> bytes:  # noqa: N802 - the SDK's name
+            if self.packet_timeout and self.getTimeSinceStart() > self.packet_timeout:
+                return b''
+            data: bytes = port.read(length)
+            return data
+
+        def getCurrentTime(self) -> float:  # noqa: N802 - the SDK's name
+            return time.monotonic() * 1e3
+
+    handler = Handler(port.port)
+    handler.ser = port
+    handler.is_open = True
+    handler.baudrate = baud_rate
+    handler.tx_time_per_byte = 1e4 / baud_rate
+    return handler
