@@ -1,4 +1,4 @@
-# make demo, make test, make lint: each installs what it needs into .venv/<distro> first.
+# make demo, make test, make lint, make fuzz: each installs what it needs into .venv/<distro> first.
 
 PYTHON ?= python3
 DISTRO ?= jazzy
@@ -8,7 +8,7 @@ OUTPUT ?= demo_output
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint clean
+.PHONY: demo test lint fuzz clean
 
 demo: $(INSTALLED)
 	@$(BIN)/panodepth_ros demo --output $(OUTPUT)
@@ -20,6 +20,9 @@ lint: $(INSTALLED)
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
+
+fuzz: $(INSTALLED)
+	@$(BIN)/python -m benchmarks.fuzz
 
 $(INSTALLED): setup.py pyproject.toml requirements/$(DISTRO).txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null || { \

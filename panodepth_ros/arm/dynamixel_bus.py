@@ -38,6 +38,13 @@ class DynamixelBus:
         The servo's number.
     response_timeout : float
         How long questions are repeated until an answer comes [s].
+    open_port : callable
+        Opens the port as serial.Serial does.
+
+    Attributes
+    ----------
+    handler : dynamixel_sdk.PortHandler
+        The SDK's view of the port.
 
     Raises
     ------
@@ -47,7 +54,14 @@ class DynamixelBus:
         If the port cannot be opened.
     """
 
-    def __init__(self, port: str, baud_rate: int, servo_id: int, response_timeout: float) -> None:
+    def __init__(
+        self,
+        port: str,
+        baud_rate: int,
+        servo_id: int,
+        response_timeout: float,
+        open_port: Callable[..., Any] = serial.Serial,
+    ) -> None:
         try:
             import dynamixel_sdk  # noqa: PLC0415 - optional
         except ImportError as error:
@@ -57,16 +71,16 @@ class DynamixelBus:
         self._response_timeout = response_timeout
         self._packets = dynamixel_sdk.Protocol2PacketHandler()
         try:
-            self._serial = serial.Serial(
+            self._serial = open_port(
                 port, baud_rate, timeout=_READ_TIMEOUT, write_timeout=1.0, exclusive=True
             )
         except (OSError, ValueError, termios.error) as error:
             raise ArmConnectionError(f'cannot open port {port}: {error}') from error
-        self._handler = _handler(dynamixel_sdk, self._serial, baud_rate)
+        self.handler = _handler(dynamixel_sdk, self._serial, baud_rate)
 
     def ping(self) -> None:
         """Make sure that the servo is there."""
-        self._ask('a ping', lambda: self._packets.ping(self._handler, self._servo_id)[1:])
+        self._ask('a ping', lambda: self._packets.ping(self.handler, self._servo_id)[1:])
 
     def read(self, address: int, length: int) -> int:
         """One unsigned value of the control table."""
@@ -79,7 +93,7 @@ class DynamixelBus:
         def ask() -> tuple[int, int]:
             nonlocal data
             data, result, error = self._packets.readTxRx(
-                self._handler, self._servo_id, address, length
+                self.handler, self._servo_id, address, length
             )
             return result, error
 
@@ -96,12 +110,12 @@ class DynamixelBus:
         data = list(value.to_bytes(length, 'little', signed=value < 0))
         self._ask(
             f'{value} for address {address}',
-            lambda: self._packets.writeTxRx(self._handler, self._servo_id, address, length, data),
+            lambda: self._packets.writeTxRx(self.handler, self._servo_id, address, length, data),
         )
 
     def restart(self) -> None:
         """Restart the servo, which ends a hardware error, and wait for it."""
-        self._ask('a restart', lambda: self._packets.reboot(self._handler, self._servo_id))
+        self._ask('a restart', lambda: self._packets.reboot(self.handler, self._servo_id))
         time.sleep(_RESTART_TIME)
 
     def close(self) -> None:
@@ -123,7 +137,7 @@ class DynamixelBus:
                 reason = f'broken packet ({fault})'
             else:
                 reason = self._packets.getTxRxResult(result)
-            self._handler.is_using = False
+            self.handler.is_using = False
             if result == 0:
                 break
             if time.monotonic() > deadline:
@@ -139,7 +153,7 @@ class DynamixelBus:
             )
 
 
-def _handler(sdk: Any, port: serial.Serial, baud_rate: int) -> Any:
+def _handler(sdk: Any, port: Any, baud_rate: int) -> Any:
     """Make a port handler of the SDK's on an opened port; it waits and ends in endless noise."""
 
     class Handler(sdk.PortHandler):  # type: ignore[misc] # the SDK has no types
