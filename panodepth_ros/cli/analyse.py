@@ -111,7 +111,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=int,
         nargs='+',
         metavar='COLUMNS',
-        help='columns of one frame (1, and as many as the image holds)',
+        help='columns of one frame (1, and as many as divide a turn and lie within the image)',
     )
     parser.add_argument(
         '--figures', type=Path, metavar='DIR', help="draw the paper's Figs. 4 and 5 into a folder"
@@ -292,7 +292,9 @@ def _capture(rig: RigNumbers, arguments: argparse.Namespace) -> list[str]:
         raise ValueError(f'sweep is {arguments.sweep:g}°; allowed: above 0°, at most 360°')
     columns = round(arguments.sweep / arguments.step)
     widest = widest_stripe(rig.principal_angle, rig.fov, rig.step)
-    stripes = arguments.stripe or sorted({1, widest})
+    turn = round(2 * math.pi / rig.step)
+    fitting = [k for k in range(1, widest + 1) if turn % k == 0]  # as the mosaicer wants them
+    stripes = arguments.stripe or sorted({1, fitting[-1]})
     for stripe in stripes:
         if not 1 <= stripe <= widest:
             raise ValueError(

@@ -113,6 +113,12 @@ def test_capture_times_by_formula(capsys):
         assert line in lines
 
 
+def test_widest_stripe_divides_the_turn(capsys):
+    # 19 columns lie within the image, but 1800 are no multiple of 19.
+    lines = analysed(capsys)
+    assert any(line.startswith('stop and go, 18 columns 100 ') for line in lines)
+
+
 @pytest.mark.parametrize(
     ('arguments', 'said'),
     [

@@ -159,7 +159,8 @@ def test_bag_without_panoramas_is_refused(capsys, tmp_path, command):
 def test_impossible_arguments_are_told(capsys, bag, tmp_path, arguments, said):
     pytest.importorskip('matplotlib')
     output = tmp_path / 'new'
-    assert said in failed(capsys, 'figures', str(bag), '--output', str(output), *arguments)
+    plan = ['figures', str(bag), '--output', str(output), '--method', 'ncc', *arguments]
+    assert said in failed(capsys, *plan)
     assert not output.exists()
 
 
