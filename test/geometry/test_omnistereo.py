@@ -65,6 +65,23 @@ def test_point_is_recovered_from_the_columns_that_see_it(azimuth, distance):
     assert np.isfinite(points.radial_distance).sum() == ROWS
 
 
+@pytest.mark.parametrize(('azimuth', 'distance', 'z'), [(0.3, 0.5, 0.1), (-2.0, 4.0, -0.7)])
+def test_both_eyes_see_a_point_on_one_row(azimuth, distance, z):
+    # Sec. 4: epipolar lines are rows. A pinhole of fy = 250 at both places that see the point.
+    point, rows = distance * np.array([math.cos(azimuth), math.sin(azimuth)]), []
+    for psi in (-PHI, PHI):
+        gamma = arm_azimuth_seeing(azimuth, distance, psi)
+        forward = np.array([math.cos(gamma), math.sin(gamma)])
+        ray = point - R * forward
+        depth = float(ray @ forward)
+        lateral = float(ray @ np.array([-forward[1], forward[0]]))
+        assert math.atan2(lateral, depth) == pytest.approx(psi, abs=1e-12)
+        rows.append(2.0 - 250 * z / depth)
+        slope = geometry(psi, focal_length_px=250 / math.cos(psi)).slope(rows[-1])
+        assert float(slope) == pytest.approx(z / math.hypot(*ray), rel=1e-12)
+    assert rows[0] == pytest.approx(rows[1], abs=1e-9)
+
+
 def test_columns_with_rays_of_their_own_triangulate_exactly():
     # A quantised arm: every column's ray differs a little from the principal angle.
     rng = np.random.default_rng(5)
