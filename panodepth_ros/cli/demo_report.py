@@ -100,7 +100,7 @@ def _truth(room: Room, geometry: PanoramaGeometry) -> TruthPanorama:
     return truth_panorama(
         room,
         arm_radius=geometry.arm_radius,
-        ray_angle=geometry.principal_angle,
+        ray_angle=np.where(geometry.seen, geometry.ray_angle, geometry.principal_angle),
         ray_azimuth=geometry.ray_azimuth(np.arange(geometry.columns)),
         slope=geometry.slope(np.arange(geometry.rows)),
     )

@@ -17,22 +17,26 @@ from std_srvs.srv import Trigger
 
 from panodepth_ros.bag import read
 from panodepth_ros.ros.images import to_array
+from panodepth_ros.ros.messages import panorama_geometry
 
 pytestmark = [pytest.mark.ros, pytest.mark.launch, pytest.mark.timeout(300)]
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ('/left/image', '/right/image', '/depth/image', '/depth/confidence', '/scan')
+FURTHER = ('/pair_1/left/image', '/pair_1/right/image', '/pair_1/right/camera_info')
 STEP_DEG = 1.5
 COLUMNS = 240
 
 
 @pytest.fixture(scope='module')
 def demo(tmp_path_factory):
-    """Run the demo with coarse columns, and return its folder and what it printed."""
+    """Run the demo with coarse columns and a further pair; return folder, file and prints."""
     directory = tmp_path_factory.mktemp('demo')
     content = yaml.safe_load((ROOT / 'config' / 'simulated.yaml').read_text())
     content['/**/arm_driver']['ros__parameters']['step_deg'] = STEP_DEG
     content['/**/mosaicer']['ros__parameters']['column_step_deg'] = STEP_DEG
+    content['/**/mosaicer']['ros__parameters']['further_offsets_px'] = [40.5]
     content['/**/depth']['ros__parameters']['beams'] = 120
+    content['/**/depth']['ros__parameters'] |= {'further_pairs': 1, 'use_center': True}
     parameters = directory / 'coarse.yaml'
     parameters.write_text(yaml.safe_dump(content))
     output = directory / 'demo_output'
@@ -72,10 +76,12 @@ def test_replay_gives_the_same_values(ros, demo, tmp_path):
     with (
         started('mosaicer', *files, '-p', 'lead:=false'),
         started('depth', *files) as depth,
-        started('panodepth_ros', 'record', '-o', str(tmp_path / 'out'), *RESULTS) as recorder,
+        started(
+            'panodepth_ros', 'record', '-o', str(tmp_path / 'out'), *RESULTS, *FURTHER
+        ) as recorder,
     ):
         depth.wait_for_output('ready')
-        ros.spin_until_recorded(RESULTS)
+        ros.spin_until_recorded((*RESULTS, *FURTHER))
         topics = ['/image_raw', '/camera_info', '/joint_states']
         with started(
             'panodepth_ros', 'replay', '--asap', str(output / 'bag'), '--topics', *topics
@@ -84,7 +90,14 @@ def test_replay_gives_the_same_values(ros, demo, tmp_path):
         depth.wait_for_output('beams hold a distance')
         recorder.stop()
     replayed = {topic: message for topic, _, message in read(tmp_path / 'out')}
-    assert set(live) == set(replayed) == set(RESULTS)
+    assert set(live) == set(RESULTS)
+    assert set(replayed) == {*RESULTS, *FURTHER}
+    assert len({_stamp(message) for message in replayed.values()}) == 1
+    geometry = panorama_geometry(replayed['/pair_1/right/camera_info'])
+    assert geometry.principal_angle == pytest.approx(np.arctan(40.5 / 261.6682), rel=1e-6)
+    pair = [to_array(replayed[topic]) for topic in FURTHER[:2]]
+    assert pair[0].shape == pair[1].shape == (geometry.rows, COLUMNS, 3)
+    assert not np.array_equal(*pair)
     for topic in RESULTS:
         assert _stamp(replayed[topic]) == _stamp(live[topic])
         if topic == '/scan':
