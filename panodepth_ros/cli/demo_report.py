@@ -100,10 +100,14 @@ def _truth(room: Room, geometry: PanoramaGeometry) -> TruthPanorama:
     return truth_panorama(
         room,
         arm_radius=geometry.arm_radius,
-        ray_angle=np.where(geometry.seen, geometry.ray_angle, geometry.principal_angle),
+        ray_angle=_ray_angle(geometry),
         ray_azimuth=geometry.ray_azimuth(np.arange(geometry.columns)),
         slope=geometry.slope(np.arange(geometry.rows)),
     )
+
+
+def _ray_angle(geometry: PanoramaGeometry) -> npt.NDArray[np.float64]:
+    return np.where(geometry.seen, geometry.ray_angle, geometry.principal_angle)
 
 
 def _true_ranges(
@@ -114,7 +118,7 @@ def _true_ranges(
         geometry.ray_azimuth(np.arange(geometry.columns)),
         truth.height,
         ~truth.occluded,
-        signed_radius=geometry.arm_radius * math.sin(geometry.principal_angle),
+        signed_radius=geometry.arm_radius * np.sin(_ray_angle(geometry)),
         band=band,
         beams=beams,
     )

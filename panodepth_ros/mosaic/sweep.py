@@ -362,7 +362,7 @@ def _check_stripes(rig: Rig, camera: PinholeCamera, offsets_px: tuple[float, ...
     for offset in offsets_px:
         middle = camera.ray_angle(offset)
         angles = [rig.ray_angle(middle, side * half) for side in (1, 0, -1)]
-        u, _ = camera.project(angles, [0.0])
+        u, _ = camera.project(angles, [math.tan(camera.mounting.tilt)])
         if not (u >= -_HALF_PIXEL).all() or not (u <= camera.width - 1 + _HALF_PIXEL).all():
             raise ValueError(
                 f'the stripe of {rig.stripe_columns} columns around {offset:+g} px from the '

@@ -262,7 +262,7 @@ def test_truth_in_a_round_room(textures: Textures, ray_angle: float) -> None:
 
 def test_truth_before_a_plane_wall(textures: Textures) -> None:
     room = room_of(textures, box(2.1, 0.0, 0.2, 20.0, yaw=0.0, bottom=-5.0, top=5.0))
-    for ray_angle in (-PHI, PHI):
+    for ray_angle in (-PHI, PHI, np.linspace(-PHI - 0.05, -PHI + 0.05, 61)):
         azimuth = np.linspace(-0.9, 0.9, 61)
         truth = truth_panorama(
             room, arm_radius=RADIUS, ray_angle=ray_angle, ray_azimuth=azimuth, slope=[0.1, 0.0]

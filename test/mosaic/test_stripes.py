@@ -8,7 +8,7 @@ import pytest
 
 from panodepth_ros.geometry import PinholeCamera, triangulate
 from panodepth_ros.geometry.equations import search_range
-from panodepth_ros.matching.interface import candidate_range
+from panodepth_ros.matching.interface import candidate_range, window_geometry
 from panodepth_ros.mosaic import Rig, Sweep
 from panodepth_ros.mosaic.sweep import panorama_names
 
@@ -218,3 +218,40 @@ def test_search_range_holds_every_point_in_view(stripe, distance):
     if stripe > 1:
         plain = search_range(right.principal_angle, STEP)
         assert min(extremes) < 1 or max(extremes) > plain, 'stripes move it'
+
+
+def test_match_is_triangulated_with_the_mean_ray_of_its_window():
+    sweep = swept(9, frames=[k for k in range(20) if k != 7], column_offset=12.0)
+    geometry = sweep.panoramas()['left'].geometry
+    window = window_geometry(geometry)
+    unseen = ~geometry.seen
+    assert unseen.sum() == 9
+    assert np.array_equal(~window.seen, unseen)
+    # Nine columns of a window hold a whole stripe, wherever it begins, ...
+    whole = ~np.any([np.roll(unseen, shift) for shift in range(-4, 5)], axis=0)
+    assert window.ray_angle[whole] == pytest.approx(geometry.principal_angle, abs=1e-12)
+    # ... less what was not seen.
+    (first,) = np.flatnonzero(unseen & ~np.roll(unseen, 1))
+    assert window.ray_angle[first - 1] == pytest.approx(
+        geometry.ray_angle[first - 5 : first].mean()
+    )
+    uniform = swept(1).panoramas()['left'].geometry
+    assert window_geometry(uniform) is uniform
+
+
+@pytest.mark.parametrize(('stripe', 'distance', 'shift'), [(8, 1.0, 0.55), (16, 1.0, 1.2)])
+def test_rows_of_a_pair_differ_by_what_the_conventions_say(stripe, distance, shift):
+    # 640 × 480 at 34°, columns of 0.2°: the largest shift, of the uppermost row.
+    fx = 320 / math.tan(math.radians(17))
+    rig = Rig(
+        **{'arm_radius': 0.3, 'column_offset': 282.0, 'columns': 1800, 'sweep_columns': 1800},
+        **{'stripe_columns': stripe, 'stripe_distance': 2.0},
+    )
+    phi, half = math.atan(282 / fx), (stripe - 1) / 2 * rig.column_step
+    angles = np.array([rig.ray_angle(phi, half), rig.ray_angle(phi, -half)])
+    away = np.sqrt(distance**2 - (0.3 * np.sin(angles)) ** 2) - 0.3 * np.cos(angles)
+    exact = 239.5 * (away[0] / away[1] - 1)
+    r0 = 0.3 * math.sin(phi)
+    rule = 239.5 * r0 * (angles[0] - angles[1]) / math.sqrt(distance**2 - r0**2)
+    assert exact == pytest.approx(rule, rel=0.02)
+    assert exact == pytest.approx(shift, rel=0.05)
