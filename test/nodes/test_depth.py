@@ -1,5 +1,6 @@
 """The depth node: a pair with known distance in, depth and scan out; bad pairs refused."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -304,6 +305,21 @@ def test_further_pairs_and_the_centre_reach_the_matching(ros, monkeypatch):
     bench.results()
     angles = [panorama.geometry.principal_angle for panorama in given[0]]
     assert angles == [-PHI, PHI, -PHI / 2, PHI / 2, -PHI / 2, PHI / 2, 0.0]
+
+
+def test_stripes_are_triangulated_with_the_mean_ray_of_the_window(ros):
+    # Nine columns a stripe: a window holds all of its rays, and a disparity is their mean.
+    fan = (np.arange(COLUMNS) % 9 - 4) * STEP
+    header = Header(stamp=to_stamp(10**9), frame_id='panodepth')
+    infos = {}
+    for eye, sign in (('left', -1), ('right', 1)):
+        rays = dataclasses.replace(geometry(sign * PHI), ray_angle=sign * PHI + fan)
+        infos[f'{eye}/camera_info'] = panorama_info(rays, header)
+    bench = Bench(ros)
+    bench.send(**infos)
+    depth = to_array(bench.results()['depth/image'])
+    off = np.abs(depth / DISTANCE - 1)
+    assert np.nanpercentile(off, 95) < 0.02
 
 
 def test_sweep_without_its_further_pair_is_waited_for_and_named(ros, capfd):
