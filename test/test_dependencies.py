@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 CORE = (
     *('geometry', 'mosaic', 'matching', 'scan', 'views', 'evaluation'),
-    *('scan_check', 'frame_motion', 'analysis', 'capture_time', 'ply'),
+    *('scan_check', 'frame_motion', 'standstill', 'analysis', 'capture_time', 'ply'),
 )
 
 #: rosdep keys, each looked up in rosdistro's rosdep/*.yaml or a package of the distribution.
@@ -22,7 +22,7 @@ ROSDEP_KEYS = {
 }
 ROS_PACKAGES = {
     *('rclpy', 'rcl_interfaces', 'builtin_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs'),
-    *('geometry_msgs', 'tf2_msgs', 'diagnostic_msgs'),
+    *('geometry_msgs', 'nav_msgs', 'tf2_msgs', 'tf2_ros', 'diagnostic_msgs'),
     *('launch', 'launch_ros', 'ros2launch', 'ament_index_python'),
 }
 

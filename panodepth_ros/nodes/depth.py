@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
 import time
@@ -18,6 +19,7 @@ from std_msgs.msg import Header
 from panodepth_ros.geometry import Panorama, check_pair, distance_stddev, triangulate
 from panodepth_ros.matching import METHODS, match, prepare, window_geometry
 from panodepth_ros.mosaic.sweep import panorama_names
+from panodepth_ros.nodes.republisher import Republisher
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, Report, publish_diagnostics
 from panodepth_ros.ros.images import to_bgr_or_mono, to_message
@@ -27,6 +29,7 @@ from panodepth_ros.ros.pointcloud import point_cloud
 from panodepth_ros.ros.process import run_node
 from panodepth_ros.ros.sync import StampMatcher
 from panodepth_ros.scan import ScanSettings, laser_ranges
+from panodepth_ros.standstill import StillLimits
 
 _KINDS = {'image': Image, 'camera_info': CameraInfo}
 #: Noise of the column disparity that the points' standard deviations assume [columns]: two thirds
@@ -87,8 +90,45 @@ class DepthParameters:
         live=True,
     )
 
+    republish_period: float = parameter(
+        1.0,
+        'Period of publishing the last scan again while the robot stands still; 0 for never',
+        unit='s',
+        bounds=(0.0, 3600.0),
+    )
+    robot_stands_still: bool = parameter(
+        False,
+        'Promise that the robot never moves, which makes odometry unnecessary',
+        live=True,
+    )
+    still_distance: float = parameter(
+        0.01,
+        'Change of position in odom since the sweep that counts as standing',
+        unit='m',
+        bounds=(0.0, 1.0),
+        live=True,
+    )
+    still_turn_deg: float = parameter(
+        0.3, 'The same for the heading', unit='°', bounds=(0.0, 10.0), live=True
+    )
+    still_speed: float = parameter(
+        0.01, 'Speed in odom that counts as standing', unit='m/s', bounds=(0.0, 1.0), live=True
+    )
+    still_turn_rate_deg: float = parameter(
+        1.0, 'The same for turning', unit='°/s', bounds=(0.0, 90.0), live=True
+    )
+
     def __post_init__(self) -> None:
         self.scan_settings()
+
+    def still_limits(self) -> StillLimits:
+        """Return what counts as standing."""
+        return StillLimits(
+            distance=self.still_distance,
+            turn=math.radians(self.still_turn_deg),
+            speed=self.still_speed,
+            turn_rate=math.radians(self.still_turn_rate_deg),
+        )
 
     def scan_settings(self) -> ScanSettings:
         """Return what the core needs."""
@@ -124,6 +164,12 @@ class Depth(Node):
         self._scan_publisher = self.create_publisher(LaserScan, 'scan', qos.SCAN)
         self._outcome = Report(OK, 'no panoramas received yet')
         publish_diagnostics(self, 'matching', lambda: self._outcome)
+        self._republisher = Republisher(
+            self,
+            period=self._settings.republish_period,
+            limits=self._settings.still_limits(),
+            promised=self._settings.robot_stands_still,
+        )
         self._work: queue.SimpleQueue[dict[Any, Any] | None] = queue.SimpleQueue()
         # A daemon, so that a signal between here and the first spin cannot leave it behind.
         worker = threading.Thread(target=self._match_all, name='matching', daemon=True)
@@ -142,6 +188,7 @@ class Depth(Node):
 
     def _on_parameters(self, parameters: DepthParameters) -> None:
         self._settings = parameters
+        self._republisher.configure(parameters.still_limits(), parameters.robot_stands_still)
 
     def _on_incomplete(self, missing: list[Hashable]) -> None:
         self.get_logger().warning(
@@ -152,6 +199,7 @@ class Depth(Node):
     def _on(self, topic: str, message: Any) -> None:
         messages = self._matcher.add(topic, message)
         if messages is not None:
+            self._republisher.pause(True)
             self._work.put(messages)
 
     def _match_all(self) -> None:
@@ -162,6 +210,7 @@ class Depth(Node):
             except ValueError as error:
                 self._outcome = Report(ERROR, f'panoramas refused: {error}')
                 self.get_logger().error(f'panoramas refused, nothing is published: {error}')
+            self._republisher.pause(False)
 
     def _match(self, messages: dict[Any, Any], parameters: DepthParameters) -> None:
         start = time.monotonic()
@@ -198,7 +247,8 @@ class Depth(Node):
                 point_cloud(xyz, left.image, matched.confidence, stddev, header)
             )
         duration = left.geometry.sweep_duration
-        self._scan_publisher.publish(laser_scan(ranges, settings, header, duration))
+        scan = laser_scan(ranges, settings, header, duration)
+        self._republisher.take([(self._scan_publisher, scan)])
         summary = (
             f'{np.isfinite(depth).mean():.0%} of the pixels and '
             f'{np.isfinite(ranges).mean():.0%} of the beams hold a distance; '

@@ -340,3 +340,14 @@ def test_messages_of_different_stamps_are_not_mixed(ros):
     bench.send(stamp=2)
     assert bench.results()['scan'].header.stamp.sec == 2
     assert len(bench.got['scan']) == 1
+
+
+def test_scan_is_published_again_once_the_robot_is_promised_to_stand(ros):
+    bench = Bench(ros, republish_period=0.05, beams=180)
+    bench.send()
+    bench.results()
+    assert bench.set(robot_stands_still=True).successful
+    ros.spin_until(lambda: len(bench.got['scan']) >= 3, 'scans')
+    first, last = bench.got['scan'][0], bench.got['scan'][-1]
+    assert np.array_equal(first.ranges, last.ranges, equal_nan=True)
+    assert last.header.stamp.sec > first.header.stamp.sec == 1

@@ -1,0 +1,116 @@
+"""Scans for late joiners: the last one again with a fresh stamp, while the robot stands still."""
+
+from __future__ import annotations
+
+import copy
+import math
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+from nav_msgs.msg import Odometry as OdometryMessage
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from std_srvs.srv import Trigger
+
+from panodepth_ros.standstill import Odometry, Standstill, StillLimits
+
+
+class Republisher:
+    """
+    Publishes the last messages of a node again.
+
+    On a timer while ``odom`` proves that the robot has not moved since the end of the sweep, or
+    a promise stands for it; by ``~/publish_last`` unless odometry speaks against it.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    period : float
+        Of the timer [s]; 0 for none.
+    limits : StillLimits
+        What counts as standing.
+    promised : bool
+        Whether the robot stands still by promise.
+    """
+
+    def __init__(self, node: Node, *, period: float, limits: StillLimits, promised: bool) -> None:
+        self._node = node
+        self._lock = threading.Lock()  # scans come from the node's worker
+        self._standstill = Standstill(limits)
+        self._promised = promised
+        self._last: Sequence[tuple[Any, Any]] = ()
+        self._paused = False
+        node.create_subscription(
+            OdometryMessage, 'odom', self._on_odometry, qos_profile_sensor_data
+        )
+        node.create_service(Trigger, '~/publish_last', self._on_request)
+        if period > 0:
+            node.create_timer(period, self._on_timer)
+
+    def configure(self, limits: StillLimits, promised: bool) -> None:
+        """Take new parameters; they act on what comes."""
+        with self._lock:
+            self._standstill.limits = limits
+            self._promised = promised
+
+    def take(self, messages: Sequence[tuple[Any, Any]]) -> None:
+        """Publish messages of one sweep, each with its publisher, and keep them."""
+        with self._lock:
+            for publisher, message in messages:
+                publisher.publish(message)
+            self._last = messages
+            stamp = messages[0][1].header.stamp
+            self._standstill.since(stamp.sec + 1e-9 * stamp.nanosec)
+
+    def pause(self, paused: bool) -> None:
+        """Hold the timer back while a newer scan is made, whose stamp is older than now."""
+        with self._lock:
+            self._paused = paused
+
+    def _on_odometry(self, message: OdometryMessage) -> None:
+        pose, twist, stamp = message.pose.pose, message.twist.twist, message.header.stamp
+        q = pose.orientation
+        odometry = Odometry(
+            time=stamp.sec + 1e-9 * stamp.nanosec,
+            frame=message.header.frame_id,
+            x=pose.position.x,
+            y=pose.position.y,
+            yaw=math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2)),
+            speed=math.hypot(twist.linear.x, twist.linear.y),
+            turn_rate=abs(twist.angular.z),
+        )
+        with self._lock:
+            self._standstill.add(odometry)
+
+    def _doubt(self) -> str:
+        return '' if self._promised else self._standstill.doubt(self._now().nanoseconds * 1e-9)
+
+    def _now(self) -> Any:
+        return self._node.get_clock().now()
+
+    def _on_timer(self) -> None:
+        with self._lock:
+            if self._last and not self._paused and not self._doubt():
+                self._publish()
+
+    def _on_request(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        with self._lock:
+            doubt = self._doubt() if self._standstill.heard else ''
+            if not self._last:
+                response.message = 'there is no scan yet'
+            elif doubt:
+                response.message = f'the last scan may no longer be true: {doubt}'
+            else:
+                self._publish()
+                response.success = True
+                response.message = 'published'
+        return response
+
+    def _publish(self) -> None:
+        stamp = self._now().to_msg()
+        for publisher, message in self._last:
+            again = copy.copy(message)
+            again.header = copy.copy(message.header)
+            again.header.stamp = stamp
+            publisher.publish(again)
