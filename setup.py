@@ -56,6 +56,7 @@ setup(
             'pytest>=7.4',
             'pytest-timeout>=2.2',
             'ruff==0.17.6',
+            'scikit-image>=0.22',
             'types-PyYAML',
         ],
     },

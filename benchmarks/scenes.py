@@ -149,7 +149,7 @@ def _columns_of_video(file: Path, columns: Sequence[int]) -> list[Image]:
     return [np.stack([frame[:, k] for frame in taken], axis=1) for k in range(len(columns))]
 
 
-def own_room(seed: int, *, columns: int = 1800) -> Scene:
+def own_room(seed: int, *, columns: int = 1800, further: bool = True) -> Scene:
     """Furnished room of the demo, 120 rows, r = 0.3 m, columns 150 and 9 of 160 at 34°."""
     rng = np.random.default_rng(seed)
     room = furnished_room(seed)
@@ -187,6 +187,7 @@ def own_room(seed: int, *, columns: int = 1800) -> Scene:
         return View(geometry, truth.radial_distance, truth.height, ~truth.occluded)
 
     left, right = panorama(150), panorama(9)
+    more = further_columns(camera.cx, 150 - camera.cx) if further else []
     views = [view(left.geometry), view(right.geometry)]
     angle = right.geometry.principal_angle
     theta = angle - np.arcsin(radius * math.sin(angle) / views[0].distance)
@@ -194,7 +195,7 @@ def own_room(seed: int, *, columns: int = 1800) -> Scene:
         name=f'furnished room {seed}',
         left=left,
         right=right,
-        further=[panorama(column) for column in further_columns(camera.cx, 150 - camera.cx)],
+        further=[panorama(column) for column in more],
         disparity=2 * theta / step,
         views=views,
     )

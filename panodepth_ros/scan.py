@@ -108,19 +108,12 @@ def laser_ranges(
     is the median distance of the nearest surface's pixels in the beam. A single row needs no
     support.
     """
-    distance, azimuth, height = points.radial_distance, points.azimuth, points.height
+    distance = points.radial_distance
     if confidence.shape != distance.shape:
         raise ValueError(f'confidence has shape {confidence.shape}; allowed: {distance.shape}')
     if settings.row >= distance.shape[0]:
         raise ValueError(f'row is {settings.row}; allowed: -1 to {distance.shape[0] - 1}')
-    with np.errstate(invalid='ignore'):
-        use = np.isfinite(distance) & (confidence >= settings.min_confidence)
-        if settings.row >= 0:
-            use[: settings.row] = use[settings.row + 1 :] = False
-        else:
-            use &= (height >= settings.min_height) & (height <= settings.max_height)
-    beam = np.rint((azimuth[use] + np.pi) / settings.angle_increment).astype(np.int64)
-    beam %= settings.beams
+    use, beam = _pixels_of_beams(points, confidence, settings)
     # Whatever lies beyond range_max is +inf in the end, however far it is.
     found = np.minimum(distance[use], 2 * settings.range_max)
     support = 0.0 if settings.row >= 0 else settings.min_support
@@ -129,6 +122,51 @@ def laser_ranges(
         nearest = np.where(nearest > settings.range_max, np.inf, nearest)
         nearest = np.where(nearest < settings.range_min, -np.inf, nearest)
     return nearest.astype(np.float32)
+
+
+def beam_confidence(
+    points: Points,
+    confidence: npt.NDArray[np.float32],
+    ranges: npt.NDArray[np.float32],
+    settings: ScanSettings,
+) -> npt.NDArray[np.float64]:
+    """
+    Mean confidence of the pixels that a beam's range comes from.
+
+    Parameters
+    ----------
+    points, confidence, settings
+        As for :func:`laser_ranges`.
+    ranges : ndarray of float32, shape (beams,)
+        What that returned [m].
+
+    Returns
+    -------
+    ndarray of float64, shape (beams,)
+        Of the pixels in the beam whose distance is within :data:`SURFACE_DEPTH` of its range;
+        NaN where the range is not finite.
+    """
+    use, beam = _pixels_of_beams(points, confidence, settings)
+    with np.errstate(invalid='ignore'):
+        near = np.abs(points.radial_distance[use] / ranges[beam] - 1) <= SURFACE_DEPTH
+    count = np.bincount(beam[near], minlength=settings.beams)
+    total = np.bincount(beam[near], confidence[use][near], settings.beams)
+    with np.errstate(invalid='ignore'):
+        return np.asarray(total / count)
+
+
+def _pixels_of_beams(
+    points: Points, confidence: npt.NDArray[np.float32], settings: ScanSettings
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
+    """Pixels that count, as a mask (H, W), and the beam of each of them."""
+    with np.errstate(invalid='ignore'):
+        use = np.isfinite(points.radial_distance) & (confidence >= settings.min_confidence)
+        if settings.row >= 0:
+            use[: settings.row] = use[settings.row + 1 :] = False
+        else:
+            use &= (points.height >= settings.min_height) & (points.height <= settings.max_height)
+    turn = (points.azimuth[use] + np.pi) / settings.angle_increment
+    return use, np.rint(turn).astype(np.int64) % settings.beams
 
 
 def _nearest_surfaces(

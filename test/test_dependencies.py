@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CORE = (
-    *('geometry', 'mosaic', 'matching', 'scan', 'views', 'evaluation'),
+    *('geometry', 'mosaic', 'matching', 'scan', 'views', 'evaluation', 'uncertainty'),
     *('scan_check', 'frame_motion', 'standstill', 'analysis', 'capture_time', 'ply'),
 )
 

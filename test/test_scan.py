@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from panodepth_ros.geometry import Points
-from panodepth_ros.scan import ScanSettings, laser_ranges
+from panodepth_ros.scan import ScanSettings, beam_confidence, laser_ranges
 
 BEAMS = 360
 
@@ -162,3 +162,24 @@ def test_confidence_of_another_shape_is_refused():
     points = Points(np.ones((2, 3)), np.ones((2, 3)), np.ones((2, 3)))
     with pytest.raises(ValueError, match='confidence has shape'):
         laser_ranges(points, np.ones((3, 2), np.float32), ScanSettings())
+
+
+def test_beam_confidence_is_that_of_the_surface_in_the_band():
+    pixels = np.array(
+        [  # distance, azimuth, height, confidence; a beam of 1°
+            (2.00, 0.0, 0.0, 0.8),
+            (2.05, 0.0, 0.0, 0.6),
+            (2.60, 0.0, 0.0, 1.0),  # behind it
+            (2.00, 0.0, 0.5, 1.0),  # above the band
+            (2.00, 0.0, 0.0, 0.4),  # does not count
+            (2.00, 0.1, 0.0, 1.0),  # another beam
+        ]
+    )
+    distance, azimuth, height, sure = pixels.T[:, np.newaxis, :]
+    settings = ScanSettings(beams=BEAMS, min_confidence=0.5)
+    ranges = np.full(BEAMS, np.nan, np.float32)
+    ranges[180] = 2.02
+    points = Points(distance, azimuth, height)
+    found = beam_confidence(points, sure.astype(np.float32), ranges, settings)
+    assert found[180] == pytest.approx(0.7)
+    assert np.flatnonzero(np.isfinite(found)).tolist() == [180]

@@ -23,13 +23,14 @@ from panodepth_ros.nodes.republisher import Republisher
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, Report, publish_diagnostics
 from panodepth_ros.ros.images import to_bgr_or_mono, to_message
-from panodepth_ros.ros.messages import laser_scan, panorama_geometry
+from panodepth_ros.ros.messages import laser_scan, panorama_geometry, stddev_of_scan
 from panodepth_ros.ros.parameters import declare_parameters, parameter
 from panodepth_ros.ros.pointcloud import point_cloud
 from panodepth_ros.ros.process import run_node
 from panodepth_ros.ros.sync import StampMatcher
-from panodepth_ros.scan import ScanSettings, laser_ranges
+from panodepth_ros.scan import ScanSettings, beam_confidence, laser_ranges
 from panodepth_ros.standstill import StillLimits
+from panodepth_ros.uncertainty import Uncertainty, scan_with_stddev
 
 _KINDS = {'image': Image, 'camera_info': CameraInfo}
 #: Noise of the column disparity that the points' standard deviations assume [columns]: two thirds
@@ -90,6 +91,36 @@ class DepthParameters:
         live=True,
     )
 
+    disparity_stddev_columns: float = parameter(
+        0.05,
+        "Standard deviation of a beam's column disparity at a confidence of 1",
+        unit='columns',
+        bounds=(0.0, 100.0),
+        live=True,
+    )
+    doubtful_stddev_columns: float = parameter(
+        3.5,
+        'The same at a confidence of 0; what is between is interpolated',
+        unit='columns',
+        bounds=(0.0, 100.0),
+        live=True,
+    )
+    focal_length_stddev: float = parameter(
+        0.001,
+        'Standard deviation of fx as a share of it, as the calibration tells',
+        bounds=(0.0, 0.1),
+        live=True,
+    )
+    arm_radius_stddev: float = parameter(
+        0.001, 'Standard deviation of arm_radius', unit='m', bounds=(0.0, 0.1), live=True
+    )
+    allowed_stddev: float = parameter(
+        0.0,
+        'Beams of a larger standard deviation are unknown; 0 for none',
+        unit='m',
+        bounds=(0.0, 100.0),
+        live=True,
+    )
     republish_period: float = parameter(
         1.0,
         'Period of publishing the last scan again while the robot stands still; 0 for never',
@@ -120,6 +151,15 @@ class DepthParameters:
 
     def __post_init__(self) -> None:
         self.scan_settings()
+
+    def uncertainty(self) -> Uncertainty:
+        """Return what ranges are computed from, and how well it is known."""
+        return Uncertainty(
+            certain_disparity=self.disparity_stddev_columns,
+            doubtful_disparity=self.doubtful_stddev_columns,
+            focal_length=self.focal_length_stddev,
+            arm_radius=self.arm_radius_stddev,
+        )
 
     def still_limits(self) -> StillLimits:
         """Return what counts as standing."""
@@ -162,6 +202,7 @@ class Depth(Node):
         )
         self._points_publisher = self.create_publisher(PointCloud2, 'points', qos.PANORAMAS)
         self._scan_publisher = self.create_publisher(LaserScan, 'scan', qos.SCAN)
+        self._stddev_publisher = self.create_publisher(LaserScan, 'scan_stddev', qos.SCAN)
         self._outcome = Report(OK, 'no panoramas received yet')
         publish_diagnostics(self, 'matching', lambda: self._outcome)
         self._republisher = Republisher(
@@ -234,6 +275,14 @@ class Depth(Node):
         points = triangulate(matched.column_disparity, *geometries)
         settings = parameters.scan_settings()
         ranges = laser_ranges(points, matched.confidence, settings)
+        ranges, beam_stddev = scan_with_stddev(
+            ranges,
+            beam_confidence(points, matched.confidence, ranges, settings),
+            geometries,
+            parameters.uncertainty(),
+            range_max=settings.range_max,
+            allowed=parameters.allowed_stddev,
+        )
         with np.errstate(invalid='ignore'):
             trusted = matched.confidence >= parameters.min_confidence
         depth = np.where(trusted, points.radial_distance, np.nan).astype(np.float32)
@@ -248,7 +297,10 @@ class Depth(Node):
             )
         duration = left.geometry.sweep_duration
         scan = laser_scan(ranges, settings, header, duration)
-        self._republisher.take([(self._scan_publisher, scan)])
+        stddev_scan = stddev_of_scan(beam_stddev, scan)
+        self._republisher.take(
+            [(self._scan_publisher, scan), (self._stddev_publisher, stddev_scan)]
+        )
         summary = (
             f'{np.isfinite(depth).mean():.0%} of the pixels and '
             f'{np.isfinite(ranges).mean():.0%} of the beams hold a distance; '

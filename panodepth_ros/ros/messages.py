@@ -6,6 +6,7 @@ Reading needs no ROS: any object with the fields of the message will do, such as
 
 from __future__ import annotations
 
+import copy
 import math
 from typing import TYPE_CHECKING
 
@@ -164,3 +165,21 @@ def laser_scan(
         range_max=settings.range_max,
         ranges=ranges.tolist(),
     )
+
+
+def stddev_of_scan(
+    stddev: np.ndarray[tuple[int], np.dtype[np.float32]], scan: LaserScan
+) -> LaserScan:
+    """
+    Write the standard deviations of a scan's ranges as a LaserScan.
+
+    Returns
+    -------
+    sensor_msgs/LaserScan
+        Header, angles and times of the scan; beam k of ``ranges`` is the standard deviation of
+        beam k of the scan [m], NaN where that is not finite; ``range_min`` is 0.
+    """
+    message = copy.copy(scan)
+    message.range_min = 0.0
+    message.ranges = stddev.tolist()
+    return message

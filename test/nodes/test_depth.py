@@ -351,3 +351,31 @@ def test_scan_is_published_again_once_the_robot_is_promised_to_stand(ros):
     first, last = bench.got['scan'][0], bench.got['scan'][-1]
     assert np.array_equal(first.ranges, last.ranges, equal_nan=True)
     assert last.header.stamp.sec > first.header.stamp.sec == 1
+
+
+def test_stddev_comes_with_the_scan_and_withholds_vague_beams(ros):
+    bench = Bench(
+        ros,
+        beams=180,
+        republish_period=0.0,
+        disparity_stddev_columns=0.25,
+        doubtful_stddev_columns=0.25,
+        focal_length_stddev=0.0,
+        arm_radius_stddev=0.0,
+    )
+    stddevs = []
+    bench.node.create_subscription(LaserScan, 'scan_stddev', stddevs.append, 10)
+    ros.spin_until(lambda: bench.depth.count_subscribers('scan_stddev'), 'the subscription')
+    bench.send()
+    scan = bench.results()['scan']
+    ros.spin_until(lambda: len(stddevs) == 1, 'the standard deviations')
+    (stddev,) = stddevs
+    assert stddev.header == scan.header
+    assert (stddev.angle_min, stddev.angle_max) == (scan.angle_min, scan.angle_max)
+    assert np.array_equal(np.isfinite(stddev.ranges), np.isfinite(scan.ranges))
+    # A column of 1° at this distance, l²·θ0/(2·r0), a quarter of it.
+    expected = 0.25 * STEP * DISTANCE**2 / (2 * R * math.sin(PHI))
+    assert np.nanmedian(stddev.ranges) == pytest.approx(expected, rel=0.05)
+    assert bench.set(allowed_stddev=0.9 * expected).successful
+    bench.send(stamp=2)
+    assert np.isnan(bench.results(2)['scan'].ranges).all()
