@@ -69,7 +69,7 @@ def test_true_scan_finds_goals_without_collision(outcomes):
 
 
 def test_our_scan_leads_to_the_goals_that_the_truth_leads_to(outcomes):
-    assert outcomes['ours'].free > 0.95
+    assert outcomes['ours'].free > outcomes['truth'].free - 0.05
     assert outcomes['ours'].found > 0.5 * outcomes['truth'].found
 
 
