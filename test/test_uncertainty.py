@@ -103,7 +103,7 @@ def scan(ranges, allowed=0.0):
     of = dataclasses.replace(NONE, certain_disparity=1.0)
     return scan_with_stddev(
         np.array(ranges, np.float32),
-        np.ones(len(ranges)),
+        np.where(np.isfinite(ranges), 1.0, np.nan),  # as beam_confidence has it
         pair(),
         of,
         range_max=8.0,
