@@ -253,17 +253,14 @@ def aggregate(
 
     def run(tile: tuple[int, int, int, int]) -> None:
         top, bottom, start, stop = tile
-        if not hasattr(memory, 'costs'):
+        if not hasattr(memory, 'block'):
             # One piece: malloc keeps it for the next match if small, gives it back if large.
-            block = np.empty(most_costs + 2 * most_totals, np.uint8)
-            memory.costs = block[:most_costs]
-            memory.totals = block[most_costs:].view(np.uint16)
+            memory.block = np.empty(height * (3 * width + 2 * MARGIN_COLUMNS) * lanes, np.uint8)
         found = np.full((bottom - top, stop - start + lanes), NOBODY, np.uint32)
         match_tile(
             *_surroundings(pair, tile, lanes), top - max(top - MARGIN_ROWS, 0), pair.candidates,
             round(noise), cut if colour else 0, cut == LOW_NOISE_CUT, penalties,
-            memory.costs, memory.totals,
-            best[top:bottom, start:stop], margin[top:bottom, start:stop], found,
+            memory.block, best[top:bottom, start:stop], margin[top:bottom, start:stop], found,
         )  # fmt: skip
         with merging:
             _merge(right_best[top:bottom], found, pair.first + start)
@@ -271,8 +268,6 @@ def aggregate(
     tiles = _tiles(rows, columns, lanes)
     height = max(bottom - top for top, bottom, _, _ in tiles)
     width = max(stop - start for _, _, start, stop in tiles)
-    most_totals = height * width * lanes
-    most_costs = height * (width + 2 * MARGIN_COLUMNS) * lanes
     for _ in pool.map(run, tiles):
         pass
     eyes = np.empty((rows, columns), np.uint8)

@@ -15,15 +15,24 @@ panorama, so that a vector instruction handles 16 to 64 of them.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import int16, types, uint8
-from numba.extending import intrinsic
+from numba import int16, uint8
 
 from panodepth_ros.matching.compiled import kernel
+from panodepth_ros.matching.simd import (
+    WIDE,
+    bit_count,
+    load_wide,
+    maximum,
+    minimum,
+    saturated_sum,
+    splat_wide,
+    store,
+    where_at_most,
+)
 
 Bytes = npt.NDArray[np.uint8]
 Seen = npt.NDArray[np.bool_]
@@ -42,18 +51,6 @@ NOISE_ROWS = 120
 LARGEST_COST = 122
 #: Cost of a candidate in a column that nobody saw: between a good match and a bad one.
 UNSEEN_COST = 45
-
-
-def _count_bits(typing_context: Any, value: Any) -> Any:
-    """Number of ones in a byte, one instruction where the processor has it."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.ctpop(arguments[0])
-
-    return types.uint8(types.uint8), generate
-
-
-_bit_count = intrinsic(_count_bits)
 
 
 def grey_noise(grey: Bytes) -> float:
@@ -144,33 +141,40 @@ def candidate_costs(
     costs : ndarray of uint8, shape (n, lanes)
         Receives the costs; 0 for all candidates of a left column that was not seen.
     """
-    lanes = costs.shape[1]
-    ceiling = uint8(cut)
-    for x in range(costs.shape[0]):
-        out = costs[x]
+    count, lanes = costs.shape
+    rows, right_wide = right.shape[1:]
+    # Fillers cost more than any candidate, so the larger of both is right.
+    least = np.zeros(lanes, np.uint8)
+    least[candidates:] = uint8(filler)
+    doubling = splat_wide(uint8(255 if doubled else 0))
+    ceiling, unseen, nothing = (
+        splat_wide(uint8(cut)), splat_wide(uint8(UNSEEN_COST)), splat_wide(uint8(0))
+    )  # fmt: skip
+    for x in range(count):
         at = start + x
         if not left_seen[at]:
-            out[:] = uint8(0)
+            for k in range(0, lanes, WIDE):
+                store(costs, x * lanes + k, nothing)
             continue
-        blue, green, red = left[0, y, at], left[1, y, at], left[2, y, at]
-        blues = right[0, y, at : at + lanes]
-        greens = right[1, y, at : at + lanes]
-        reds = right[2, y, at : at + lanes]
-        for k in range(lanes):
-            b = min(uint8(max(blue, blues[k]) - min(blue, blues[k])), ceiling)
-            g = min(uint8(max(green, greens[k]) - min(green, greens[k])), ceiling)
-            r = min(uint8(max(red, reds[k]) - min(red, reds[k])), ceiling)
-            out[k] = min(uint8(uint8(b + g) + r), ceiling)
-        if doubled:
-            for k in range(lanes):
-                out[k] = uint8(out[k] + out[k])
-        for plane in range(CENSUS_PLANES):
-            bits = left_census[plane, y, at]
-            others = right_census[plane, y, at : at + lanes]
-            for k in range(lanes):
-                out[k] = uint8(out[k] + _bit_count(uint8(bits ^ others[k])))
-        seen = right_seen[at : at + lanes]
-        for k in range(lanes):
-            out[k] = out[k] if seen[k] else uint8(UNSEEN_COST)
-        for k in range(candidates, lanes):
-            out[k] = uint8(filler)
+        blue, green, red = (
+            splat_wide(left[0, y, at]), splat_wide(left[1, y, at]), splat_wide(left[2, y, at])
+        )  # fmt: skip
+        for k in range(0, lanes, WIDE):
+            there = y * right_wide + at + k
+            blues = load_wide(right, there)
+            greens = load_wide(right, there + rows * right_wide)
+            reds = load_wide(right, there + 2 * rows * right_wide)
+            difference = saturated_sum(
+                maximum(blue, blues) - minimum(blue, blues),
+                maximum(green, greens) - minimum(green, greens),
+            )
+            difference = saturated_sum(difference, maximum(red, reds) - minimum(red, reds))
+            cost = minimum(difference, ceiling)
+            cost = cost + (cost & doubling)
+            for plane in range(CENSUS_PLANES):
+                bits = splat_wide(left_census[plane, y, at])
+                others = load_wide(right_census, there + plane * rows * right_wide)
+                cost = cost + bit_count(bits ^ others)
+            seen = load_wide(right_seen, at + k)
+            cost = where_at_most(seen, nothing, unseen, cost)
+            store(costs, x * lanes + k, maximum(cost, load_wide(least, k)))

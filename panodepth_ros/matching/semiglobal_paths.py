@@ -20,17 +20,29 @@ that they started. What a tile keeps does not grow with the panorama.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
-from numba import int32, njit, uint8, uint16, uint32
+from numba import int32, int64, njit, uint8, uint16, uint32
 
 from panodepth_ros.matching.compiled import kernel
 from panodepth_ros.matching.semiglobal_costs import (
     CENSUS_PLANES,
     candidate_costs,
     census,
+)
+from panodepth_ros.matching.simd import (
+    WIDE,
+    lane_after,
+    lane_before,
+    load_wide,
+    minimum,
+    smallest,
+    splat_wide,
+    store,
+    where_at_most,
+    widen_bytes,
 )
 
 Bytes = npt.NDArray[np.uint8]
@@ -46,13 +58,15 @@ EDGE_SCALE = 20.0
 #: Differences up to this multiple of the noise are none.
 EDGE_NOISE = 2.0
 #: Candidates are padded to a multiple of this, whole vector registers.
-LANES = 32
+LANES = WIDE
 #: Rows whose horizontal paths advance together, so that no step waits for the one before.
 ROWS_AT_ONCE = 4
 #: Margin of a tile [columns, rows].
 MARGIN_COLUMNS, MARGIN_ROWS = 32, 16
 #: Cost of candidates that only fill up a vector: larger than any, and fits with the penalty.
 FILLER_COST = 255 - LARGE_PENALTY
+#: What becomes of L − C: nothing, it is kept, it is added to what is there.
+NOTHING, KEEP, ADD = 0, 1, 2
 #: What a right pixel holds that no left pixel was compared with.
 NOBODY = 0xFFFFFFFF
 
@@ -78,52 +92,151 @@ def _inlined(function: Function) -> Function:
 
 
 @_inlined
-def _step(before: Bytes, costs: Bytes, after: Bytes, floor: int, large: int) -> int:
-    """One step of a path; states have a guard of 255 at either end. Returns their minimum."""
-    lanes = costs.size
-    below, here, above = before[0:lanes], before[1 : 1 + lanes], before[2 : 2 + lanes]
-    out = after[1 : 1 + lanes]
-    ceiling = uint8(floor + uint8(large - uint8(SMALL_PENALTY)))
-    for k in range(lanes):
-        cheapest = min(below[k], above[k], ceiling)
-        cheapest = min(here[k], uint8(cheapest + uint8(SMALL_PENALTY)))
-        out[k] = uint8(uint8(cheapest - floor) + costs[k])
-    lowest: int = uint8(255)
-    for k in range(lanes):
-        lowest = min(lowest, out[k])
-    return lowest
+def _deviations(before: Any, here: Any, after: Any, ceiling: Any, floors: Any) -> Any:
+    """L − C of a vector of candidates from the states before, and those of either side."""
+    cheapest = minimum(minimum(lane_before(before, here), lane_after(here, after)), ceiling)
+    return minimum(here, cheapest + splat_wide(uint8(SMALL_PENALTY))) - floors
 
 
 @_inlined
-def _add(total: Totals, state: Bytes) -> None:
-    states = state[1 : 1 + total.size]
-    for k in range(total.size):
-        total[k] = uint16(total[k] + uint16(states[k]))
+def _step(
+    states: Bytes, at: int, lanes: int, floor: int, large: int, costs: Bytes, cost_at: int,
+    sums: Bytes, sum_at: int, mode: int,
+) -> int:  # fmt: skip
+    """Advance a path's states by a pixel; return their minimum. Adds L − C to ``sums``."""
+    floors = splat_wide(uint8(floor))
+    ceiling = splat_wide(uint8(floor + uint8(large - uint8(SMALL_PENALTY))))
+    before = least = splat_wide(uint8(255))
+    here = load_wide(states, at)
+    for k in range(0, lanes, WIDE):
+        after = load_wide(states, at + k + WIDE)
+        deviations = _deviations(before, here, after, ceiling, floors)
+        now = deviations + load_wide(costs, cost_at + k)
+        store(states, at + k, now)
+        least = minimum(least, now)
+        if mode == KEEP:
+            store(sums, sum_at + k, deviations)
+        elif mode == ADD:
+            store(sums, sum_at + k, deviations + load_wide(sums, sum_at + k))
+        before = here
+        here = after
+    lowest: int = smallest(least)
+    return lowest
 
 
 @kernel
 def _down(
-    before: Bytes, floors: Bytes, costs: Bytes, skip: int, large: Bytes, after: Bytes,
-    totals: Totals, adding: bool,
+    states: Bytes, floors: Bytes, large: Bytes, costs: Bytes, cost_at: int, sums: Bytes,
+    sum_at: int, mode: int, lanes: int,
 ) -> None:  # fmt: skip
-    """Advance the vertical paths of all columns by a row; ``costs`` begins ``skip`` before."""
-    for x in range(before.shape[0]):
-        floors[x] = _step(before[x], costs[skip + x], after[x], floors[x], large[x])
-        if adding:
-            _add(totals[x], after[x])
+    """Advance the vertical paths of all columns by a row."""
+    for x in range(floors.size):
+        floors[x] = _step(
+            states, x * (lanes + WIDE), lanes, floors[x], large[x], costs, cost_at + x * lanes,
+            sums, sum_at + x * lanes, mode,
+        )  # fmt: skip
 
 
 @kernel
 def _across(
-    before: Bytes, floors: Bytes, costs: Bytes, y: int, rows: int, x: int, after: Bytes,
-    totals: Totals, skip: int,
-) -> None:  # fmt: skip
-    """Advance the horizontal paths of a few rows by a column; totals begin ``skip`` later."""
-    for r in range(rows):
-        floors[r] = _step(before[r], costs[y + r, x], after[r], floors[r], LARGE_PENALTY)
-    if skip <= x < skip + totals.shape[1]:
+    states: Bytes, costs: Bytes, rows: int, top: int, columns: int, sums: Bytes, lanes: int
+) -> None:
+    """
+    Run the horizontal paths of a few rows from ``top`` on, in both directions at once.
+
+    ``sums`` receives L − C of both for the ``columns`` of the core.
+    """
+    wide = columns + 2 * MARGIN_COLUMNS
+    stride = lanes + WIDE
+    floors = np.zeros(2 * rows, np.uint8)
+    for x in range(wide - MARGIN_COLUMNS):
+        column = x - MARGIN_COLUMNS
+        other = columns - 1 - column
+        rightward = leftward = NOTHING
+        if column >= 0:  # whoever comes first keeps, whoever comes second adds
+            rightward = KEEP if column <= other else ADD
+            leftward = KEEP if other > column else ADD
         for r in range(rows):
-            _add(totals[y + r, x - skip], after[r])
+            row_costs, row_sums = (top + r) * wide, (top + r) * columns
+            floors[2 * r] = _step(
+                states, 2 * r * stride, lanes, floors[2 * r], LARGE_PENALTY,
+                costs, (row_costs + x) * lanes, sums, (row_sums + column) * lanes, rightward,
+            )  # fmt: skip
+            floors[2 * r + 1] = _step(
+                states, (2 * r + 1) * stride, lanes, floors[2 * r + 1], LARGE_PENALTY,
+                costs, (row_costs + wide - 1 - x) * lanes,
+                sums, (row_sums + other) * lanes, leftward,
+            )  # fmt: skip
+
+
+@kernel
+def _up(
+    states: Bytes, floors: Bytes, large: Bytes, costs: Bytes, cost_at: int, across: Bytes,
+    down: Bytes, sum_at: int, lanes: int, candidates: int, seen: Seen, best: Totals,
+    margin: Totals, right_best: Names,
+) -> None:  # fmt: skip
+    """
+    Advance the upward paths by a row, the last to come, and find the winners of the row.
+
+    ``margin`` is by how much the smallest total of a candidate that is not its neighbour exceeds
+    its own; ``right_best`` holds total and candidate of the right pixels' best.
+    """
+    columns = floors.size
+    numbers = np.arange(lanes).astype(np.uint16)
+    fillers = np.zeros(lanes, np.uint16)
+    fillers[candidates:] = uint16(65535)
+    totals = np.empty(lanes + 2, np.uint16)  # with a guard at either end
+    totals[0] = totals[lanes + 1] = uint16(65535)
+    right_totals = np.full(columns + lanes, 65535, np.uint16)
+    right_columns = np.zeros(columns + lanes, np.uint16)
+    highest = splat_wide(uint16(65535))
+    for x in range(columns):
+        at = x * (lanes + WIDE)
+        floor = splat_wide(floors[x])
+        ceiling = splat_wide(uint8(floors[x] + uint8(large[x] - uint8(SMALL_PENALTY))))
+        before = least = splat_wide(uint8(255))
+        here = load_wide(states, at)
+        lowest = highest
+        column = splat_wide(uint16(x))
+        for k in range(0, lanes, WIDE):
+            after = load_wide(states, at + k + WIDE)
+            deviations = _deviations(before, here, after, ceiling, floor)
+            cost = load_wide(costs, cost_at + x * lanes + k)
+            now = deviations + cost
+            store(states, at + k, now)
+            least = minimum(least, now)
+            before = here
+            here = after
+            vertical = widen_bytes(deviations + load_wide(down, sum_at + x * lanes + k))
+            total = vertical + widen_bytes(load_wide(across, sum_at + x * lanes + k))
+            twice = widen_bytes(cost) + widen_bytes(cost)
+            total = (total + twice + twice) | load_wide(fillers, k)
+            store(totals, 1 + k, total)
+            lowest = minimum(lowest, total)
+            if seen[x]:
+                others = load_wide(right_totals, x + k)
+                named = where_at_most(total, others, column, load_wide(right_columns, x + k))
+                store(right_totals, x + k, minimum(total, others))
+                store(right_columns, x + k, named)
+        floors[x] = smallest(least)
+        winning = smallest(lowest)
+        first = highest
+        for k in range(0, lanes, WIDE):
+            number = where_at_most(
+                load_wide(totals, 1 + k), splat_wide(winning), load_wide(numbers, k), highest
+            )
+            first = minimum(first, number)
+        winner = int64(smallest(first))
+        best[x] = winner
+        totals[winner : winner + 3] = uint16(65535)
+        lowest = highest
+        for k in range(0, lanes, WIDE):
+            lowest = minimum(lowest, load_wide(totals, 1 + k))
+        margin[x] = uint16(smallest(lowest) - winning)
+    for x in range(columns + lanes):
+        if right_totals[x] < uint16(65535):
+            candidate = uint32(x - int64(right_columns[x]))
+            right_best[x] = uint32(uint32(uint32(right_totals[x]) << uint32(16)) | candidate)
 
 
 @kernel
@@ -141,43 +254,11 @@ def _vertical_edges(image: Bytes, penalties: Bytes, large: Bytes) -> None:
 
 
 @kernel
-def _winners(
-    totals: Totals, candidates: int, seen: Seen, best: Totals,
-    margin: Totals, right_best: Names,
-) -> None:  # fmt: skip
-    """
-    Best candidate of every pixel of a row.
-
-    ``margin`` is by how much the smallest total of a candidate that is not its neighbour exceeds
-    its own; ``right_best`` holds total and candidate of the right pixels' best.
-    """
-    lanes = totals.shape[1]
-    for x in range(totals.shape[0]):
-        total = totals[x]
-        for k in range(candidates, lanes):
-            total[k] = uint16(65535)
-        named = right_best[x : x + lanes] if seen[x] else np.empty(lanes, np.uint32)
-        lowest = uint32(NOBODY)
-        for k in range(lanes):
-            name = uint32(uint32(uint32(total[k]) << uint32(16)) | uint32(k))
-            lowest = min(lowest, name)
-            named[k] = min(named[k], name)
-        winner = int32(lowest & uint32(0xFFFF))
-        best[x] = winner
-        other = uint16(65535)
-        for part in (total[0 : max(winner - 1, 0)], total[min(winner + 2, lanes) : lanes]):
-            for k in range(part.size):
-                other = min(other, part[k])
-        margin[x] = uint16(other - uint16(lowest >> uint32(16)))
-
-
-@kernel
-def _clear(states: Bytes) -> None:
-    """No preference, with guards."""
-    lanes = states.shape[-1] - 2
-    states[..., 1 : 1 + lanes] = uint8(0)
-    states[..., 0] = uint8(255)
-    states[..., 1 + lanes] = uint8(255)
+def _clear(states: Bytes, lanes: int) -> None:
+    """No preference, with a vector of guards after each pixel's states."""
+    for at in range(0, states.size, lanes + WIDE):
+        states[at : at + lanes] = uint8(0)
+        states[at + lanes : at + lanes + WIDE] = uint8(255)
 
 
 @kernel
@@ -208,8 +289,7 @@ def disagreement(best: Totals, right_best: Names, first: int, eyes: Bytes) -> No
 def match_tile(
     left: Bytes, right: Bytes, left_grey: Bytes, right_grey: Bytes, left_seen: Seen,
     right_seen: Seen, above: int, candidates: int, noise: int, cut: int, doubled: bool,
-    penalties: Bytes, costs_memory: Bytes, totals_memory: Totals, best: Totals, margin: Totals,
-    right_best: Names,
+    penalties: Bytes, memory: Bytes, best: Totals, margin: Totals, right_best: Names,
 ) -> None:  # fmt: skip
     """
     Match the core of a tile.
@@ -234,43 +314,37 @@ def match_tile(
         See ``candidate_costs``.
     penalties : ndarray of uint8, shape (256,)
         See ``vertical_penalties``.
-    costs_memory, totals_memory : ndarray of uint8, uint16, one-dimensional
-        Working memory, at least rows·w·lanes and rows·columns·lanes of the core's rows and
-        columns.
+    memory : ndarray of uint8, one-dimensional
+        Working memory, at least rows·(w + 2·columns)·lanes of the core's rows and columns.
     best, margin : ndarray of uint16, shape (rows, columns)
         Receive the core's winning candidates and by how much the next ones cost more.
     right_best : ndarray of uint32, shape (rows, columns + lanes)
         Receives total · 2¹⁶ + candidate of the right pixels' best, from the core's left pixels
-        only; column 0 is candidate 0 of the first column.
+        only; column 0 is candidate 0 of the first column. What none is compared with stays.
     """
     height, wide = left.shape[1], left.shape[2]
     rows, columns = best.shape
     lanes = right.shape[2] - wide
-    costs = costs_memory[: rows * wide * lanes].reshape(rows, wide, lanes)
-    totals = totals_memory[: rows * columns * lanes].reshape(rows, columns, lanes)
+    costs = memory[: rows * wide * lanes].reshape(rows, wide, lanes)
+    flat_costs, sums = memory[: costs.size], memory[costs.size :]
+    across, down = sums[: rows * columns * lanes], sums[rows * columns * lanes :]
     left_census = np.empty((CENSUS_PLANES, height, wide), np.uint8)
     right_census = np.empty((CENSUS_PLANES, height, wide + lanes), np.uint8)
     census(left_grey, noise, left_census)
     census(right_grey, noise, right_census)
     row_costs = np.empty((columns, lanes), np.uint8)
+    flat_row = row_costs.reshape(columns * lanes)
     large = np.empty((height + 1, columns), np.uint8)
     _vertical_edges(left, penalties, large)
-    here = np.empty((columns, lanes + 2), np.uint8)
-    there = np.empty((columns, lanes + 2), np.uint8)
+    states = np.empty(columns * (lanes + WIDE), np.uint8)
     floors = np.zeros(columns, np.uint8)
-    _clear(here)
-    _clear(there)
+    _clear(states, lanes)
     for y in range(above):
         candidate_costs(
             left, right, left_census, right_census, left_seen, right_seen, y, MARGIN_COLUMNS,
             cut, doubled, FILLER_COST, candidates, row_costs,
         )  # fmt: skip
-        _down(here, floors, row_costs, 0, large[y], there, totals[0], False)
-        here, there = there, here
-    rightward = np.empty((2, ROWS_AT_ONCE, lanes + 2), np.uint8)
-    leftward = np.empty((2, ROWS_AT_ONCE, lanes + 2), np.uint8)
-    right_floors = np.empty(ROWS_AT_ONCE, np.uint8)
-    left_floors = np.empty(ROWS_AT_ONCE, np.uint8)
+        _down(states, floors, large[y], flat_row, 0, down, 0, NOTHING, lanes)
     for y in range(0, rows, ROWS_AT_ONCE):
         together = min(ROWS_AT_ONCE, rows - y)
         for r in range(y, y + together):
@@ -278,37 +352,26 @@ def match_tile(
                 left, right, left_census, right_census, left_seen, right_seen, above + r, 0,
                 cut, doubled, FILLER_COST, candidates, costs[r],
             )  # fmt: skip
-            totals[r] = uint16(0)
-        _clear(rightward)
-        _clear(leftward)
-        right_floors[:] = uint8(0)
-        left_floors[:] = uint8(0)
-        for x in range(wide - MARGIN_COLUMNS):
-            now = x & 1
-            _across(
-                rightward[now], right_floors, costs, y, together, x, rightward[1 - now], totals,
-                MARGIN_COLUMNS,
-            )  # fmt: skip
-            _across(
-                leftward[now], left_floors, costs, y, together, wide - 1 - x, leftward[1 - now],
-                totals, MARGIN_COLUMNS,
-            )  # fmt: skip
+        across_states = np.empty(2 * ROWS_AT_ONCE * (lanes + WIDE), np.uint8)
+        _clear(across_states, lanes)
+        _across(across_states, flat_costs, together, y, columns, across, lanes)
         for r in range(y, y + together):
-            entered = large[above + r]
-            _down(here, floors, costs[r], MARGIN_COLUMNS, entered, there, totals[r], True)
-            here, there = there, here
-    _clear(here)
+            _down(
+                states, floors, large[above + r], flat_costs, (r * wide + MARGIN_COLUMNS) * lanes,
+                down, r * columns * lanes, KEEP, lanes,
+            )  # fmt: skip
+    _clear(states, lanes)
     floors[:] = uint8(0)
     for y in range(height - 1, above + rows - 1, -1):
         candidate_costs(
             left, right, left_census, right_census, left_seen, right_seen, y, MARGIN_COLUMNS,
             cut, doubled, FILLER_COST, candidates, row_costs,
         )  # fmt: skip
-        _down(here, floors, row_costs, 0, large[y + 1], there, totals[0], False)
-        here, there = there, here
+        _down(states, floors, large[y + 1], flat_row, 0, down, 0, NOTHING, lanes)
     seen = left_seen[MARGIN_COLUMNS : MARGIN_COLUMNS + columns]
     for r in range(rows - 1, -1, -1):
-        entered = large[above + r + 1]
-        _down(here, floors, costs[r], MARGIN_COLUMNS, entered, there, totals[r], True)
-        here, there = there, here
-        _winners(totals[r], candidates, seen, best[r], margin[r], right_best[r])
+        _up(
+            states, floors, large[above + r + 1], flat_costs,
+            (r * wide + MARGIN_COLUMNS) * lanes, across, down, r * columns * lanes, lanes,
+            candidates, seen, best[r], margin[r], right_best[r],
+        )  # fmt: skip

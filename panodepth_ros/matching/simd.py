@@ -9,7 +9,8 @@ so the code is the same on every processor. Nothing checks bounds: arrays must b
 whole vectors.
 
 Vectors of one type combine with ``+``, ``-`` and ``*``, those of integers, which wrap, also with
-``&`` and ``|``, those of real numbers with ``/``.
+``&``, ``|`` and ``^``, those of real numbers with ``/``. ``load_wide`` and ``splat_wide`` make
+vectors of ``WIDE`` small integers; they combine in the same way.
 """
 
 from __future__ import annotations
@@ -25,58 +26,68 @@ from numba.extending import intrinsic, models, overload, register_model
 
 #: Numbers in a vector: one register of AVX-512 for 32 bits, two of AVX2, four of NEON.
 LANES = 16
+#: Numbers in a vector of small integers: one register of AVX2 for bytes, two of NEON.
+WIDE = 32
 
 _INDEX = ir.IntType(32)
 
 
 class Vector(types.Type):  # type: ignore[misc]  # numba has no types
-    """Numba's type of ``LANES`` numbers of one type."""
+    """Numba's type of ``lanes`` numbers of one type."""
 
-    def __init__(self, element: types.Number) -> None:
+    def __init__(self, element: types.Number, lanes: int) -> None:
         self.element = element
-        super().__init__(name=f'Vector({element}, {LANES})')
+        self.lanes = lanes
+        super().__init__(name=f'Vector({element}, {lanes})')
 
 
 @register_model(Vector)
 class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]  # numba has no types
     def __init__(self, data_models: Any, vector: Vector) -> None:
         element = data_models.lookup(vector.element).get_value_type()
-        super().__init__(data_models, vector, ir.VectorType(element, LANES))
+        super().__init__(data_models, vector, ir.VectorType(element, vector.lanes))
 
 
 def _is_integer(vector: Vector) -> bool:
     return isinstance(vector.element, types.Integer)
 
 
-def _address(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
+def _address(
+    context: Any, builder: Any, array_type: Any, lanes: int, array: Any, index: Any
+) -> Any:
     data = context.make_array(array_type)(context, builder, array).data
-    vector = ir.VectorType(context.get_data_type(array_type.dtype), LANES)
+    vector = ir.VectorType(context.get_data_type(array_type.dtype), lanes)
     return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
 
 
-def _spread(builder: Any, value: Any) -> Any:
-    vector = ir.VectorType(value.type, LANES)
+def _spread(builder: Any, value: Any, lanes: int) -> Any:
+    vector = ir.VectorType(value.type, lanes)
     single = builder.insert_element(ir.Constant(vector, ir.Undefined), value, _INDEX(0))
-    lanes = ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES)
-    return builder.shuffle_vector(single, ir.Constant(vector, ir.Undefined), lanes)
+    zeros = ir.Constant(ir.VectorType(_INDEX, lanes), [0] * lanes)
+    return builder.shuffle_vector(single, ir.Constant(vector, ir.Undefined), zeros)
 
 
-def _load(typing: Any, array: Any, index: Any) -> Any:
-    """Return the ``LANES`` numbers of a one-dimensional contiguous array from an index on."""
+def _loading(lanes: int) -> Any:
+    def function(typing: Any, array: Any, index: Any) -> Any:
+        # A truth value is a byte in memory.
+        element = types.uint8 if isinstance(array.dtype, types.Boolean) else array.dtype
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        vector = builder.load(_address(context, builder, signature.args[0], *arguments))
-        vector.align = array.dtype.bitwidth // 8
-        return vector
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            address = _address(context, builder, signature.args[0], lanes, *arguments)
+            vector = builder.load(address)
+            vector.align = element.bitwidth // 8
+            return vector
 
-    return Vector(array.dtype)(array, types.intp), generate
+        return Vector(element, lanes)(array, types.intp), generate
+
+    return function
 
 
 def _store(typing: Any, array: Any, index: Any, vector: Any) -> Any:
-    """Write a vector into a one-dimensional contiguous array from an index on."""
+    """Write a vector into a contiguous array from an index on."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        address = _address(context, builder, signature.args[0], *arguments[:2])
+        address = _address(context, builder, signature.args[0], vector.lanes, *arguments[:2])
         builder.store(arguments[2], address).align = array.dtype.bitwidth // 8
         return context.get_dummy_value()
 
@@ -93,27 +104,70 @@ def _greater(typing: Any, a: Any, b: Any) -> Any:
     return a(a, b), generate
 
 
-def _square_root(typing: Any, vector: Any) -> Any:
-    """Return the square roots of real numbers, correctly rounded."""
+def _of_llvm(name: str) -> Any:
+    """LLVM's own function of one vector, or of two of one type."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        vector = signature.return_type
         kind = context.get_value_type(vector)
-        name = f'llvm.sqrt.v{LANES}f{vector.element.bitwidth}'
+        letter = 'i' if _is_integer(vector) else 'f'
         function = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(kind, [kind]), name
+            builder.module,
+            ir.FunctionType(kind, [kind] * len(arguments)),
+            f'llvm.{name}.v{vector.lanes}{letter}{vector.element.bitwidth}',
         )
         return builder.call(function, arguments)
 
-    return vector(vector), generate
+    return generate
 
 
-def _splat(typing: Any, value: Any) -> Any:
-    """Return a vector of one number."""
+def _square_root(typing: Any, vector: Any) -> Any:
+    """Return the square roots of real numbers, correctly rounded."""
+    return vector(vector), _of_llvm('sqrt')
+
+
+def _bit_count(typing: Any, vector: Any) -> Any:
+    """Return the numbers of ones in integers."""
+    return vector(vector), _of_llvm('ctpop')
+
+
+def _saturated_sum(typing: Any, a: Any, b: Any) -> Any:
+    """Return the sums of unsigned integers, or the largest integer where that is too much."""
+    return a(a, b), _of_llvm('uadd.sat')
+
+
+def _splatting(lanes: int) -> Any:
+    def function(typing: Any, value: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return _spread(builder, arguments[0], lanes)
+
+        return Vector(value, lanes)(value), generate
+
+    return function
+
+
+def _where_at_most(typing: Any, a: Any, b: Any, x: Any, y: Any) -> Any:
+    """Return x where an unsigned integer of a is at most that of b, else y, lane by lane."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return _spread(builder, arguments[0])
+        first, second, chosen, other = arguments
+        return builder.select(builder.icmp_unsigned('<=', first, second), chosen, other)
 
-    return Vector(value)(value), generate
+    return x(a, b, x, y), generate
+
+
+def _neighbours(step: int) -> Any:
+    def function(typing: Any, first: Any, second: Any) -> Any:
+        start = first.lanes - 1 if step < 0 else 1
+
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            lanes = ir.VectorType(_INDEX, first.lanes)
+            numbers = list(range(start, start + first.lanes))
+            return builder.shuffle_vector(*arguments, ir.Constant(lanes, numbers))
+
+        return first(first, second), generate
+
+    return function
 
 
 def _arithmetic(integer: str | None, floating: str | None) -> Any:
@@ -162,7 +216,7 @@ def _extremum(sign: str) -> Any:
 def _reduction(sign: str) -> Any:
     def function(typing: Any, vector: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            rest, width = arguments[0], LANES
+            rest, width = arguments[0], vector.lanes
             while width > 1:
                 width //= 2
                 halves = [
@@ -181,7 +235,7 @@ def _reduction(sign: str) -> Any:
 
 def _conversion(element: Any, operation: str) -> Any:
     def function(typing: Any, vector: Any) -> Any:
-        target = Vector(element)
+        target = Vector(element, vector.lanes)
 
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             return getattr(builder, operation)(arguments[0], context.get_value_type(target))
@@ -191,17 +245,25 @@ def _conversion(element: Any, operation: str) -> Any:
     return function
 
 
-load = intrinsic(_load)
+#: ``LANES``, or ``WIDE``, numbers of a contiguous array from an index on.
+load, load_wide = intrinsic(_loading(LANES)), intrinsic(_loading(WIDE))
 store = intrinsic(_store)
-splat = intrinsic(_splat)
+#: A vector of one number.
+splat, splat_wide = intrinsic(_splatting(LANES)), intrinsic(_splatting(WIDE))
+where_at_most = intrinsic(_where_at_most)
+bit_count = intrinsic(_bit_count)
+saturated_sum = intrinsic(_saturated_sum)
+#: Each lane's neighbour before it in (before, here), or after it in (here, after).
+lane_before, lane_after = intrinsic(_neighbours(-1)), intrinsic(_neighbours(1))
 greater = intrinsic(_greater)
 square_root = intrinsic(_square_root)
-#: The larger of two vectors, lane by lane.
-maximum = intrinsic(_extremum('>'))
-#: The largest number in a vector.
-largest = intrinsic(_reduction('>'))
-#: int16 to int32, int32 to float32 (nearest), float32 to int32 (towards zero).
+#: The larger, or smaller, of two vectors, lane by lane.
+maximum, minimum = intrinsic(_extremum('>')), intrinsic(_extremum('<'))
+#: The largest, or smallest, number in a vector.
+largest, smallest = intrinsic(_reduction('>')), intrinsic(_reduction('<'))
+#: int16 to int32, uint8 to uint16, int32 to float32 (nearest), float32 to int32 (towards zero).
 widen = intrinsic(_conversion(types.int32, 'sext'))
+widen_bytes = intrinsic(_conversion(types.uint16, 'zext'))
 to_float = intrinsic(_conversion(types.float32, 'sitofp'))
 to_integer = intrinsic(_conversion(types.int32, 'fptosi'))
 
@@ -211,3 +273,4 @@ _overload(operator.mul, _arithmetic('mul', 'fmul'))
 _overload(operator.truediv, _arithmetic(None, 'fdiv'))
 _overload(operator.and_, _arithmetic('and_', None))
 _overload(operator.or_, _arithmetic('or_', None))
+_overload(operator.xor, _arithmetic('xor', None))
