@@ -17,9 +17,11 @@ import numpy.typing as npt
 from numba import int32, int64
 
 from panodepth_ros.matching.compiled import kernel
+from panodepth_ros.matching.simd import LANES, load, maximum, splat, square_root, store
 
 Bytes = npt.NDArray[np.uint8]
 Float32Array = npt.NDArray[np.float32]
+Float64Array = npt.NDArray[np.float64]
 Int64Array = npt.NDArray[np.int64]
 
 #: Half width of the correlation window, rows and columns alike.
@@ -39,14 +41,28 @@ LEAST_CORRELATION, LEAST_CURVATURE = 0.3, 1e-4
 @kernel
 def _running_sums(rows: Bytes, totals: Int64Array, squares: Int64Array) -> None:
     """Sums of all columns before each, and of their squares, over a few rows of an image."""
+    columns = rows.shape[1]
+    of_column, square_of_column = np.zeros((2, columns), np.int32)
+    for y in range(rows.shape[0]):
+        for x in range(columns):
+            value = int32(rows[y, x])
+            of_column[x] += value
+            square_of_column[x] += value * value
     total, square = 0, 0
-    for x in range(rows.shape[1]):
+    for x in range(columns):
         totals[x], squares[x] = total, square
-        for y in range(rows.shape[0]):
-            value = int64(rows[y, x])
-            total += value
-            square += value * value
-    totals[rows.shape[1]], squares[rows.shape[1]] = total, square
+        total += int64(of_column[x])
+        square += int64(square_of_column[x])
+    totals[columns], squares[columns] = total, square
+
+
+@kernel
+def _correlations(numerators: Float64Array, variances: Float64Array, rho: Float64Array) -> None:
+    """Correlation coefficients, whole vectors at once."""
+    least = splat(1.0)
+    for i in range(0, rho.size, LANES):
+        root = square_root(maximum(load(variances, i), least))
+        store(rho, i, load(numerators, i) / root)
 
 
 @kernel
@@ -80,12 +96,16 @@ def locate(
     # long as the winner stays the same from pixel to pixel, only one column of it is new.
     products = np.zeros((side, 3), np.int64)
     crosses = np.zeros(3, np.int64)
-    rho = np.empty(3)
+    columns = best.shape[1]
+    padded = -(-columns // LANES) * LANES
+    # Of the candidates before, at and after each column's winner.
+    numerators, variances, rho = np.zeros((3, 3, padded))
+    spreads = np.empty(columns)
     for y in range(start, stop):
         _running_sums(left[y : y + side], left_sums, left_squares)
         _running_sums(right[y : y + side], right_sums, right_squares)
         previous = -1
-        for x in range(best.shape[1]):
+        for x in range(columns):
             candidate = int64(best[y, x])
             at = x + candidate
             if candidate != previous:
@@ -107,22 +127,25 @@ def locate(
                 crosses[1] += here - column[1]
                 crosses[2] += after - column[2]
                 column[0], column[1], column[2] = before, here, after
-            fraction[y - start, x] = 0.0
-            weight[y - start, x] = 0.0
             total = left_sums[x + side] - left_sums[x]
             spread = float(count * (left_squares[x + side] - left_squares[x]) - total * total)
-            textured = spread > 0
+            spreads[x] = spread
             for k in range(3):
                 there = right_sums[at + k + side] - right_sums[at + k]
                 square = right_squares[at + k + side] - right_squares[at + k]
-                variance = spread * float(count * square - there * there)
-                textured &= variance > 0
-                rho[k] = float(count * crosses[k] - total * there) / np.sqrt(max(variance, 1.0))
-            curvature = 2 * rho[1] - rho[0] - rho[2]
-            if textured and rho[1] > LEAST_CORRELATION and curvature > LEAST_CURVATURE:
-                vertex = 0.5 * (rho[2] - rho[0]) / curvature
+                variances[k, x] = spread * float(count * square - there * there)
+                numerators[k, x] = float(count * crosses[k] - total * there)
+        _correlations(numerators, variances, rho)
+        for x in range(columns):
+            fraction[y - start, x] = 0.0
+            weight[y - start, x] = 0.0
+            textured = variances[0, x] > 0 and variances[1, x] > 0 and variances[2, x] > 0
+            before_it, at_it, after_it = rho[0, x], rho[1, x], rho[2, x]
+            curvature = 2 * at_it - before_it - after_it
+            if textured and at_it > LEAST_CORRELATION and curvature > LEAST_CURVATURE:
+                vertex = 0.5 * (after_it - before_it) / curvature
                 fraction[y - start, x] = min(max(vertex, -1.0), 1.0)
-                weight[y - start, x] = curvature * spread / (count * count)
+                weight[y - start, x] = curvature * spreads[x] / (count * count)
 
 
 @kernel
@@ -186,14 +209,15 @@ def smooth_rows(
     """
     columns = disparity.shape[1]
     length = columns + 2 * overlap
+    numbers = (np.arange(length + 1) - overlap) % columns
     ratio = np.empty(length, np.float32)
     value = np.empty(length, np.float32)
     for y in range(start, stop):
         before = np.float32(0)
         for k in range(length):
-            x = (k - overlap) % columns
+            x = numbers[k]
             after = np.float32(0)
-            following = (x + 1) % columns
+            following = numbers[k + 1]
             if k + 1 < length and abs(int32(steps[y, following]) - int32(steps[y, x])) <= 1:
                 edge = int32(0)
                 for c in range(3):

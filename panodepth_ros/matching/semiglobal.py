@@ -201,6 +201,8 @@ def equalised(pair: ColourPair, pool: ThreadPoolExecutor) -> ColourPair:
         return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
     def small_seen(seen: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        if seen.all():
+            return np.ones(size[0], np.bool_)
         shares = small(np.ascontiguousarray(np.tile(255 * seen.astype(np.uint8), (rows, 1))))
         return np.asarray(shares[0] == 255)
 
@@ -222,7 +224,7 @@ def equalised(pair: ColourPair, pool: ThreadPoolExecutor) -> ColourPair:
     if tables is None:
         return pair
     return replace(
-        pair, left=np.stack([t[channel] for t, channel in zip(tables, pair.left, strict=True)])
+        pair, left=np.stack([cv2.LUT(c, t) for t, c in zip(tables, pair.left, strict=True)])
     )
 
 
@@ -343,6 +345,7 @@ def refine(
     """
     rows, columns = winners.best.shape
     images = bordered(pair, winners)
+    everything_seen = bool(pair.right_seen.all())
     estimate, weight, probability = (np.empty((rows, columns), np.float32) for _ in range(3))
 
     def evaluate(start: int, stop: int) -> None:
@@ -351,7 +354,8 @@ def refine(
         promised = confidence.probability(values)
         estimate[band] = fraction + winners.best[band] + np.float32(pair.first)
         weight[band] = certainty * promised**2 + np.float32(refinement.LEAST_WEIGHT)
-        promised[~pair.right_seen[pair.partners(winners.best[band])]] = 0
+        if not everything_seen:
+            promised[~pair.right_seen[pair.partners(winners.best[band])]] = 0
         probability[band] = promised
 
     steps = images.best
