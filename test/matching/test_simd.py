@@ -8,16 +8,27 @@ import numpy.typing as npt
 from panodepth_ros.matching.compiled import kernel
 from panodepth_ros.matching.simd import (
     LANES,
+    WIDE,
+    bit_count,
     greater,
+    lane_after,
+    lane_before,
     largest,
     load,
+    load_wide,
     maximum,
+    minimum,
+    saturated_sum,
+    smallest,
     splat,
+    splat_wide,
     square_root,
     store,
     to_float,
     to_integer,
+    where_at_most,
     widen,
+    widen_bytes,
 )
 
 
@@ -82,3 +93,48 @@ def test_conversions_are_exact_and_truncate() -> None:
     np.testing.assert_array_equal(out[done], np.maximum(x, b[0])[done])
     np.testing.assert_array_equal(whole[done], np.trunc(x[done]).astype(np.int32))
     assert not out[:3].any()
+
+
+@kernel
+def small_integers(
+    a: npt.NDArray[np.uint8], b: npt.NDArray[np.uint8], seen: npt.NDArray[np.bool_],
+    out: npt.NDArray[np.uint8], sums: npt.NDArray[np.uint16],
+) -> int:  # fmt: skip
+    for i in range(0, a.size, WIDE):
+        x, y = load_wide(a, i), load_wide(b, i)
+        store(out[0], i, bit_count(x ^ y))
+        store(out[1], i, saturated_sum(x, y))
+        store(out[2], i, minimum(x, y))
+        store(out[3], i, where_at_most(x, y, load_wide(seen, i), splat_wide(b[0])))
+        store(sums, i, widen_bytes(x) + widen_bytes(y))
+    result: int = smallest(load_wide(a, WIDE))
+    return result
+
+
+def test_bytes_count_saturate_and_choose() -> None:
+    rng = np.random.default_rng(4)
+    a, b = rng.integers(0, 256, (2, 3 * WIDE)).astype(np.uint8)
+    seen = rng.random(a.size) < 0.5
+    b[:5] = a[:5]
+    out, sums = np.zeros((4, a.size), np.uint8), np.zeros(a.size, np.uint16)
+    least = small_integers(a, b, seen, out, sums)
+    np.testing.assert_array_equal(out[0], np.unpackbits((a ^ b)[:, np.newaxis], axis=1).sum(1))
+    np.testing.assert_array_equal(sums, a.astype(np.uint16) + b)
+    np.testing.assert_array_equal(out[1], np.minimum(sums, 255))
+    np.testing.assert_array_equal(out[2], np.minimum(a, b))
+    np.testing.assert_array_equal(out[3], np.where(a <= b, seen, b[0]))
+    assert least == a[WIDE : 2 * WIDE].min()
+
+
+@kernel
+def neighbours(a: npt.NDArray[np.uint8], out: npt.NDArray[np.uint8]) -> None:
+    store(out[0], 0, lane_before(load_wide(a, 0), load_wide(a, WIDE)))
+    store(out[1], 0, lane_after(load_wide(a, WIDE), load_wide(a, 2 * WIDE)))
+
+
+def test_lanes_have_neighbours_in_the_vectors_beside() -> None:
+    a = np.arange(3 * WIDE, dtype=np.uint8)
+    out = np.zeros((2, WIDE), np.uint8)
+    neighbours(a, out)
+    np.testing.assert_array_equal(out[0], a[WIDE - 1 : 2 * WIDE - 1])
+    np.testing.assert_array_equal(out[1], a[WIDE + 1 : 2 * WIDE + 1])
