@@ -77,6 +77,7 @@ def test_costs_and_penalties_fit_into_bytes() -> None:
     assert costs.LARGEST_COST < semiglobal_paths.FILLER_COST
     assert costs.LARGEST_COST + semiglobal_paths.LARGE_PENALTY <= 255
     assert semiglobal_paths.FILLER_COST + semiglobal_paths.LARGE_PENALTY <= 255
+    assert 2 * semiglobal_paths.LARGE_PENALTY <= 255  # two paths' L − C share a byte
 
 
 def test_no_cost_exceeds_the_largest() -> None:
