@@ -12,7 +12,8 @@ from panodepth_ros.matching import semiglobal_paths as paths
 Bytes = npt.NDArray[np.uint8]
 Integers = npt.NDArray[np.int64]
 
-ROWS, COLUMNS, CANDIDATES, LANES = 9, 20, 50, 64
+# An odd width has a column that both horizontal paths reach at once.
+ROWS, COLUMNS, CANDIDATES, LANES = 9, 21, 50, 64
 WIDE = COLUMNS + 2 * paths.MARGIN_COLUMNS
 
 
