@@ -27,7 +27,11 @@ SIZES = ((60, 1800, 149), (120, 900, 149), (120, 1800, 80), (120, 1800, 149), (2
          (240, 3600, 149), (240, 3600, 298))  # fmt: skip
 
 
-def median_times(runs: Mapping[str, Callable[[], Any]], repeat: int) -> dict[str, float]:
+def median_times(
+    runs: Mapping[str, Callable[[], Any]],
+    repeat: int,
+    clock: Callable[[], float] = time.perf_counter,
+) -> dict[str, float]:
     """
     Median time of each, taken in turns so that a slow moment of the machine hits all alike.
 
@@ -37,6 +41,8 @@ def median_times(runs: Mapping[str, Callable[[], Any]], repeat: int) -> dict[str
         What to time; each is called once before.
     repeat : int
         How often.
+    clock : callable
+        What time is taken from.
 
     Returns
     -------
@@ -48,9 +54,9 @@ def median_times(runs: Mapping[str, Callable[[], Any]], repeat: int) -> dict[str
     times: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(repeat):
         for name, run in runs.items():
-            start = time.perf_counter()
+            start = clock()
             run()
-            times[name].append(time.perf_counter() - start)
+            times[name].append(clock() - start)
     return {name: float(np.median(taken)) for name, taken in times.items()}
 
 
@@ -61,6 +67,7 @@ def compare(
     *,
     threads: int,
     repeat: int,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, float]:
     """Median times of the product's methods and of OpenCV's matchers on one pair [s]."""
     left, right = pair
@@ -72,7 +79,7 @@ def compare(
     before = cv2.getNumThreads()
     cv2.setNumThreads(threads)
     try:
-        return median_times(runs, repeat)
+        return median_times(runs, repeat, clock)
     finally:
         cv2.setNumThreads(before)
 

@@ -10,6 +10,7 @@ Measure the matching methods against OpenCV's: accuracy, scan, time, memory.
 from __future__ import annotations
 
 import argparse
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -36,15 +37,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         '--large', action='store_true', help='times and memory at 7000 × 480 × 560, too'
     )
-    parser.add_argument('--only', choices=('accuracy', 'cost'), help='one half of it')
+    parser.add_argument('--only', choices=('accuracy', 'cost', 'processor'), help='a part of it')
     options = parser.parse_args(arguments)
     options.output.mkdir(parents=True, exist_ok=True)
     for method in options.methods:
         prepare(method)
     print(f'{report.versions()}\n')
-    if options.only != 'cost':
+    if options.only in (None, 'accuracy'):
         measure_accuracy(options.data, options.methods, options.output)
     if options.only != 'accuracy':
+        measure_processor(options.methods, options.repeat)
+    if options.only in (None, 'cost'):
         measure_cost(options.methods, options.repeat, large=options.large)
     return 0
 
@@ -78,6 +81,21 @@ def measure_accuracy(data: Sequence[Path], names: Sequence[str], output: Path) -
 
 def _same(one: Correspondence, other: Correspondence) -> bool:
     return np.array_equal(one.column_disparity, other.column_disparity, equal_nan=True)
+
+
+def measure_processor(names: Sequence[str], repeat: int) -> None:
+    """Print the processor time of one thread, which a busy machine changes less than the time."""
+    scene = scenes.weak_texture()
+    seconds = cost.compare(
+        (scene.left, scene.right), names, PEERS,
+        threads=1, repeat=repeat, clock=time.process_time,
+    )  # fmt: skip
+    rows = [
+        [name, f'{1e3 * taken:.1f}', f'{taken / seconds["OpenCV SGBM"]:.2f}']
+        for name, taken in seconds.items()
+    ]
+    head = ['method', 'processor time ms', 'of SGBM']
+    print(f'## Processor time, one thread\n\n{report.table(head, rows)}\n', flush=True)
 
 
 def measure_cost(names: Sequence[str], repeat: int, *, large: bool) -> None:
