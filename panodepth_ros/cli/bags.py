@@ -11,6 +11,11 @@ from typing import Any
 
 from panodepth_ros.bag import BagError
 
+ROS_MISSING = (
+    'ROS 2 is missing (rclpy cannot be imported); source your installation, or '
+    'pip install "panodepth_ros[jazzy]" or "[kilted]"'
+)
+
 
 def run_until_stopped(module: str, work: Callable[[Any, threading.Event], str]) -> int:
     """
@@ -39,11 +44,7 @@ def run_until_stopped(module: str, work: Callable[[Any, threading.Event], str]) 
     except ModuleNotFoundError as error:
         if error.name != 'rclpy':
             raise
-        print(
-            'panodepth_ros: ROS 2 is missing (rclpy cannot be imported); source your '
-            'installation, or pip install "panodepth_ros[jazzy]" or "[kilted]"',
-            file=sys.stderr,
-        )
+        print(f'panodepth_ros: {ROS_MISSING}', file=sys.stderr)
         return 1
     finally:
         for number, handler in zip(numbers, handlers, strict=True):

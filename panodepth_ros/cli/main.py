@@ -15,6 +15,7 @@ COMMANDS = {
     'record': 'Record topics into a bag.',
     'replay': 'Publish the messages of a bag.',
     'report': 'Write a sweep as one HTML page, from a bag or a folder of the demo.',
+    'watch': 'Show the running sweep on a page in the browser.',
 }
 """Subcommand to its help; each is a module here with ``add_arguments`` and ``run``."""
 

@@ -1,0 +1,212 @@
+"""The running sweep over HTTP: a watcher beside a real mosaicer, asked on loopback."""
+
+import http.client
+import json
+import math
+import threading
+import urllib.error
+import urllib.request
+
+import cv2
+import numpy as np
+import pytest
+from fixtures.rig import MessageRig
+from fixtures.ros import started
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Image, LaserScan
+from std_srvs.srv import Trigger
+
+from panodepth_ros.cli.watch_server import WatchServer
+from panodepth_ros.nodes.mosaicer import Mosaicer
+from panodepth_ros.nodes.watcher import Watcher
+from panodepth_ros.ros.images import to_array, to_message
+
+pytestmark = pytest.mark.ros
+
+STEP_DEG, COLUMNS = 6.0, 60
+
+
+class Bench:
+    """A mosaicer, a rig, a watcher and its server."""
+
+    def __init__(self, ros, **values):
+        self.ros = ros
+        values = {'column_step_deg': STEP_DEG, 'column_offset_px': 20.0, **values}
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
+        self.mosaicer = ros.add(Mosaicer(context=ros.context, parameter_overrides=overrides))
+        self.rig = ros.add(MessageRig(math.radians(STEP_DEG), context=ros.context))
+        self.watcher = ros.add(Watcher(context=ros.context))
+        server = WatchServer(self.watcher, '127.0.0.1', 0)
+        self.watcher.at_the_end(server.close)
+        self.url = server.url
+        self.node = ros.node('listener')
+        self.left = []
+        self.node.create_subscription(Image, 'left/image', self.left.append, 10)
+        self.clients = {
+            name: self.node.create_client(Trigger, f'mosaicer/{name}')
+            for name in ('start', 'cancel')
+        }
+        ros.spin_until(
+            lambda: (
+                self.state() == 'waiting for a sweep'
+                and all(client.service_is_ready() for client in self.clients.values())
+                and self.mosaicer._step_client.service_is_ready()
+                and self.rig.count_subscribers('image_raw') == 2
+                and self.rig.count_subscribers('camera_info') == 2
+                and self.rig.count_subscribers('joint_states') == 2
+                and self.mosaicer.count_subscribers('left/image')
+                and self.mosaicer.count_subscribers('mosaicer/progress')
+            ),
+            'the graph',
+        )
+        self.rig.camera_info()
+        self.rig.standing()
+        ros.spin_until(
+            lambda: all(
+                node._assembler.camera and node._assembler.track.newest
+                for node in (self.mosaicer, self.watcher)
+            ),
+            'camera and arm',
+        )
+
+    def state(self):
+        return self.watcher.status()['state']
+
+    def call(self, service):
+        answer = self.ros.result(self.clients[service].call_async(Trigger.Request()))
+        assert answer.success, answer.message
+
+    def steps(self, count):
+        for _ in range(count):
+            self.rig._on_step(None, Trigger.Response())
+            self.ros.spin_until(
+                lambda: self.watcher._assembler.track.newest >= self.rig.now, 'the joint states'
+            )
+
+    def get(self, path):
+        with urllib.request.urlopen(self.url + path, timeout=10) as answer:
+            return answer.headers['Content-Type'], answer.read()
+
+    def picture(self, name):
+        kind, body = self.get(f'{name}.png')
+        assert kind == 'image/png'
+        return cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
+
+    def status(self):
+        """First event of a new stream."""
+        connection = http.client.HTTPConnection(self.url.split('/')[2], timeout=10)
+        connection.request('GET', '/events')
+        answer = connection.getresponse()
+        assert answer.getheader('Content-Type') == 'text/event-stream'
+        line = answer.readline().decode()
+        connection.close()
+        assert line.startswith('data: ')
+        return json.loads(line.removeprefix('data: '))
+
+
+def test_led_sweep_is_shown_as_it_is_published(ros):
+    bench = Bench(ros)
+    bench.call('start')
+    ros.spin_until(lambda: bench.left and bench.state() == 'the sweep is done', 'the sweep')
+    assert np.array_equal(bench.picture('left'), to_array(bench.left[0]))
+    status = bench.status()
+    assert status['progress'] == 1.0
+    assert ['columns', '60 of 60'] in status['facts']
+
+
+def test_panoramas_grow_while_the_arm_turns(ros):
+    bench = Bench(ros, lead=False)
+    bench.steps(20)
+    ros.spin_until(lambda: bench.state() == 'sweeping', 'the sweep')
+    status = bench.status()
+    assert 18 / COLUMNS <= status['progress'] <= 21 / COLUMNS
+    pixels = bench.picture('center')
+    lit = pixels.any(axis=(0, 2))
+    assert lit.sum() == round(status['progress'] * COLUMNS)
+    # The arm turns counter-clockwise, columns run clockwise: the newest is the leftmost.
+    assert np.flatnonzero(lit)[0] == pytest.approx(status['arm'] * COLUMNS, abs=1.5)
+    bench.steps(5)
+    assert bench.picture('center').any(axis=(0, 2)).sum() == lit.sum() + 5
+    assert bench.status()['sweep'] != status['sweep']
+
+
+def test_cancelled_sweep_is_told_and_the_next_one_shown(ros):
+    bench = Bench(ros)
+    bench.rig.frames = False
+    bench.call('start')
+    bench.call('cancel')
+    ros.spin_until(lambda: bench.state() == 'the sweep was given up', 'the end')
+    bench.rig.frames = True
+    bench.call('start')
+    ros.spin_until(lambda: bench.left and bench.state() == 'the sweep is done', 'the sweep')
+    assert np.array_equal(bench.picture('left'), to_array(bench.left[0]))
+
+
+def test_depth_and_scan_are_shown_when_they_come(ros):
+    bench = Bench(ros)
+    assert json.loads(bench.get('scan.json')[1])['ranges'] == []
+    depth = np.array([[0.5, 4.9, np.nan]], np.float32)
+    scan = LaserScan(angle_min=-3.0, angle_increment=2.0, ranges=[1.5, math.nan, math.inf])
+    publishers = [
+        bench.node.create_publisher(kind, topic, 10)
+        for kind, topic in ((Image, 'depth/image'), (LaserScan, 'scan'))
+    ]
+    ros.spin_until(lambda: all(p.get_subscription_count() for p in publishers), 'the watcher')
+    for publisher, message in zip(publishers, (to_message(depth, '32FC1'), scan), strict=True):
+        publisher.publish(message)
+    ros.spin_until(lambda: bench.watcher.status()['results'] == 2, 'the results')
+    near, far, unknown = bench.picture('depth')[0].astype(int)
+    assert near[2] > near[0]  # red
+    assert far[0] > far[2]  # blue
+    assert unknown.tolist() == [38, 38, 38]
+    assert json.loads(bench.get('scan.json')[1])['ranges'] == [1.5, None, None]
+
+
+@pytest.mark.parametrize('path', ['left.png', 'nothing', 'other.png', '../setup.py', 'events/x'])
+def test_what_is_not_there_is_not_found(ros, path):
+    bench = Bench(ros)
+    with pytest.raises(urllib.error.HTTPError) as error:
+        bench.get(path)
+    with error.value:
+        assert error.value.code == 404
+
+
+def test_page_loads_nothing_from_elsewhere(ros):
+    kind, body = Bench(ros).get('')
+    assert kind == 'text/html; charset=utf-8'
+    assert b'EventSource' in body
+    assert b'://' not in body
+
+
+def test_open_streams_end_with_the_server(ros):
+    bench = Bench(ros)
+    ended = threading.Event()
+
+    def read():
+        with urllib.request.urlopen(bench.url + 'events', timeout=30) as stream:
+            stream.read()
+        ended.set()
+
+    reader = threading.Thread(target=read, daemon=True)
+    reader.start()
+    ros.spin_until(lambda: threading.active_count() > 3, 'the stream')
+    bench.watcher.destroy_node()
+    assert ended.wait(20)
+    reader.join(20)
+
+
+@pytest.mark.launch
+def test_command_serves_a_namespace_and_ends_cleanly(ros):
+    with started(
+        'panodepth_ros', 'watch', '--port', '0', '--ros-args', '-r', '__ns:=/robot'
+    ) as running:
+        running.wait_for_output('look at http://127.0.0.1:')
+        url = running.output.split('look at ')[1].split()[0]
+        with urllib.request.urlopen(url, timeout=10) as answer:
+            assert b'The running sweep' in answer.read()
+        node = ros.node()
+        ros.spin_until(lambda: node.count_subscribers('/robot/joint_states'), 'the watcher')
+        port = url.rsplit(':', 1)[1].strip('/')
+        with started('panodepth_ros', 'watch', '--port', port, exit_code=1) as second:
+            assert second.wait() == 1
+            assert f'cannot listen on 127.0.0.1:{port}: Address already in use' in second.output
