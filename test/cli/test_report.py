@@ -3,12 +3,12 @@
 import base64
 import json
 import re
-import shutil
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from fixtures.browser import browser
 from fixtures.sweeps import COLUMNS, HOLE, ROWS, WALL, sweep_messages, write_sweep
 from rcl_interfaces.msg import Log
 
@@ -144,14 +144,10 @@ PROBE = """<script>addEventListener('load', () => setTimeout(() => {
 
 @pytest.mark.launch
 def test_page_works_in_a_browser_without_a_network(tmp_path):
-    browser = shutil.which('chromium') or shutil.which('google-chrome')
-    if browser is None:
-        pytest.skip('needs a browser: apt-get install chromium')
+    command = browser(tmp_path / 'profile')
     page = tmp_path / 'report.html'
     page.write_text(reported(bag_of(tmp_path / 'bag', sweep_messages(7)), page) + PROBE)
-    command = [browser, '--headless=new', '--no-sandbox', '--enable-unsafe-swiftshader']
-    command += ['--host-resolver-rules=MAP * ~NOTFOUND', f'--user-data-dir={tmp_path / "profile"}']
-    command += ['--window-size=500,900', '--virtual-time-budget=10000', '--enable-logging=stderr']
+    command += ['--virtual-time-budget=10000', '--enable-logging=stderr']
     command += ['--dump-dom', page.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=90, check=True)
     (title,) = re.findall(r'<title>(\{.*?\})</title>', done.stdout)

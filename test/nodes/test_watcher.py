@@ -3,6 +3,7 @@
 import http.client
 import json
 import math
+import subprocess
 import threading
 import urllib.error
 import urllib.request
@@ -10,6 +11,7 @@ import urllib.request
 import cv2
 import numpy as np
 import pytest
+from fixtures.browser import browser
 from fixtures.rig import MessageRig
 from fixtures.ros import started
 from rclpy.parameter import Parameter
@@ -83,6 +85,16 @@ class Bench:
                 lambda: self.watcher._assembler.track.newest >= self.rig.now, 'the joint states'
             )
 
+    def send_results(self):
+        depth = np.array([[0.5, 4.9, np.nan]], np.float32)
+        scan = LaserScan(angle_min=-3.0, angle_increment=2.0, ranges=[1.5, math.nan, math.inf])
+        messages = {'depth/image': to_message(depth, '32FC1'), 'scan': scan}
+        for topic, message in messages.items():
+            publisher = self.node.create_publisher(type(message), topic, 10)
+            self.ros.spin_until(publisher.get_subscription_count, 'the watcher')
+            publisher.publish(message)
+        self.ros.spin_until(lambda: self.watcher.status()['results'] == 2, 'the results')
+
     def get(self, path):
         with urllib.request.urlopen(self.url + path, timeout=10) as answer:
             return answer.headers['Content-Type'], answer.read()
@@ -145,16 +157,7 @@ def test_cancelled_sweep_is_told_and_the_next_one_shown(ros):
 def test_depth_and_scan_are_shown_when_they_come(ros):
     bench = Bench(ros)
     assert json.loads(bench.get('scan.json')[1])['ranges'] == []
-    depth = np.array([[0.5, 4.9, np.nan]], np.float32)
-    scan = LaserScan(angle_min=-3.0, angle_increment=2.0, ranges=[1.5, math.nan, math.inf])
-    publishers = [
-        bench.node.create_publisher(kind, topic, 10)
-        for kind, topic in ((Image, 'depth/image'), (LaserScan, 'scan'))
-    ]
-    ros.spin_until(lambda: all(p.get_subscription_count() for p in publishers), 'the watcher')
-    for publisher, message in zip(publishers, (to_message(depth, '32FC1'), scan), strict=True):
-        publisher.publish(message)
-    ros.spin_until(lambda: bench.watcher.status()['results'] == 2, 'the results')
+    bench.send_results()
     near, far, unknown = bench.picture('depth')[0].astype(int)
     assert near[2] > near[0]  # red
     assert far[0] > far[2]  # blue
@@ -210,3 +213,30 @@ def test_command_serves_a_namespace_and_ends_cleanly(ros):
         with started('panodepth_ros', 'watch', '--port', port, exit_code=1) as second:
             assert second.wait() == 1
             assert f'cannot listen on 127.0.0.1:{port}: Address already in use' in second.output
+
+
+@pytest.mark.launch
+def test_browser_fetches_all_there_is_and_what_is_new(ros, tmp_path, monkeypatch):
+    command = browser(tmp_path / 'profile')
+    bench = Bench(ros, lead=False)
+    asked = []
+    picture, scan = bench.watcher.picture, bench.watcher.scan
+    monkeypatch.setattr(bench.watcher, 'picture', lambda name: asked.append(name) or picture(name))
+    monkeypatch.setattr(bench.watcher, 'scan', lambda: asked.append('scan') or scan())
+    bench.steps(5)
+    bench.send_results()
+    # With a debugging port it stays until it is told to end.
+    process = subprocess.Popen(
+        [*command, '--remote-debugging-port=0', bench.url],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        everything = {'left', 'right', 'center', 'depth', 'scan'}
+        ros.spin_until(lambda: everything <= set(asked), 'the requests of the browser', 60)
+        before = asked.count('left')
+        bench.steps(3)
+        ros.spin_until(lambda: asked.count('left') > before, 'a request for the new columns')
+    finally:
+        process.terminate()
+        process.wait(20)
