@@ -63,12 +63,12 @@ setup(
     zip_safe=True,
     entry_points={
         'console_scripts': [
-            'arm_driver = panodepth_ros.nodes.arm_driver:main',
-            'camera = panodepth_ros.nodes.camera:main',
-            'mosaicer = panodepth_ros.nodes.mosaicer:main',
-            'depth = panodepth_ros.nodes.depth:main',
+            'arm_driver = panodepth_ros.start:arm_driver',
+            'camera = panodepth_ros.start:camera',
+            'mosaicer = panodepth_ros.start:mosaicer',
+            'depth = panodepth_ros.start:depth',
             'check_scan = panodepth_ros.nodes.check_scan:main',
-            'views = panodepth_ros.nodes.views:main',
+            'views = panodepth_ros.start:views',
             'simulated_arm = panodepth_ros.cli.simulated_arm:main',
             'panodepth_ros = panodepth_ros.cli.main:main',
         ],

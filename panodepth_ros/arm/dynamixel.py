@@ -50,7 +50,9 @@ _HARDWARE_ERROR = (70, 1)
 _PROFILE_ACCELERATION = (108, 4)
 _PROFILE_VELOCITY = (112, 4)
 _GOAL_POSITION = (116, 4)
-_PRESENT = (122, 14)  # moving flag, ..., velocity at 128, position at 132
+_PRESENT = (122, 14)  # moving flag, moving status, ..., velocity at 128, position at 132
+#: Bit of the moving status; the moving flag alone is 0 below the moving threshold, 14 °/s.
+_PROFILE_ONGOING = 0x02
 _EXTENDED_POSITION = 4
 
 _HARDWARE_ERRORS = {
@@ -359,7 +361,7 @@ class DynamixelArm:
         data = self._bus.read_block(*_PRESENT)
         return _Present(
             stamp,
-            bool(data[0]),
+            bool(data[0] or data[1] & _PROFILE_ONGOING),
             int.from_bytes(data[6:10], 'little', signed=True) * _VELOCITY,
             int.from_bytes(data[10:14], 'little', signed=True),
             time.monotonic() - begin,

@@ -20,6 +20,7 @@ _PULSE = 2.0 * math.pi / 4096.0
 _VELOCITY = 0.229 * 2.0 * math.pi / 60.0
 _ACCELERATION = 214.577 * 2.0 * math.pi / 3600.0
 _FARTHEST = 1_048_575
+_MOVING_THRESHOLD = 10 * _VELOCITY  # as delivered
 _PING, _READ, _WRITE, _REBOOT, _STATUS = 1, 2, 3, 8, 0x55
 _INSTRUCTION, _CRC, _LENGTH, _RANGE, _ACCESS = 2, 3, 5, 6, 7  # error numbers
 _WRITABLE = {11: 1, 64: 1, 108: 4, 112: 4, 116: 4}
@@ -169,7 +170,9 @@ class SimulatedServo:
 
     def _refresh(self, now: float) -> None:
         _, velocity = state_at(self._pieces, now)
-        self._table[122] = now < self._pieces[-1].begin
+        ongoing = now < self._pieces[-1].begin
+        self._table[122] = abs(velocity) > _MOVING_THRESHOLD
+        self._table[123] = 0x02 if ongoing else 0x01
         self._table[128:132] = struct.pack('<i', round(velocity / _VELOCITY))
         self._table[132:136] = struct.pack('<i', round(self._position(now)))
 

@@ -176,7 +176,7 @@ def test_broken_answers_are_asked_for_again(bench):
     arm = bench.connect()
     count = itertools.count()
     bench.server.spoil(
-        lambda data: data[:-1] + bytes([data[-1] ^ 1]) if next(count) % 3 == 0 else data
+        lambda data: data[:-1] + bytes([data[-1] ^ 1]) if data and next(count) % 3 == 0 else data
     )
     assert arm.move_to(3 * DEG).azimuth == pytest.approx(3 * DEG, abs=PULSE)
 
@@ -190,3 +190,16 @@ def test_unplugging_is_a_connection_error(bench):
         future.result(timeout=10)
     with pytest.raises(ArmConnectionError):
         arm.measure()
+
+
+def test_slow_motion_below_the_moving_threshold_is_seen(bench):
+    arm = bench.connect(speed=5 * DEG)
+    future = bench.in_thread(arm.move_to, 300 * DEG)
+    wait_until(lambda: bench.server.true_azimuth() > 1 * DEG, 'the motion')
+    arm.interrupt()
+    with pytest.raises(ArmStoppedError):
+        future.result(timeout=10)
+    assert bench.server.is_moving()  # an interruption alone does not stop it
+    state = arm.stop()
+    assert not bench.server.is_moving()
+    assert bench.server.true_azimuth() == pytest.approx(state.azimuth, abs=PULSE)
