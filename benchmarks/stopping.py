@@ -92,6 +92,7 @@ def main() -> None:
         program = [sys.executable, '-m', 'panodepth_ros.cli.simulated_arm']
         program += ['--link', link, '--homing']
         simulated = subprocess.Popen(program, stdout=subprocess.PIPE)
+        stack.callback(simulated.wait)
         stack.callback(simulated.terminate)
         assert simulated.stdout is not None
         simulated.stdout.readline()
@@ -102,6 +103,7 @@ def main() -> None:
             [sys.executable, '-c', code, '--ros-args', *arguments],
             env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
         )
+        stack.callback(driver.wait)
         stack.callback(driver.terminate)
         for _ in range(given.load):
             stack.callback(subprocess.Popen([sys.executable, '-c', _BUSY]).kill)

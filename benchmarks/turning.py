@@ -83,6 +83,7 @@ def main() -> None:
         options = [f'--{option}' for option in given.arm]
         program = [sys.executable, '-m', 'panodepth_ros.cli.simulated_arm', '--link', link]
         simulated = subprocess.Popen([*program, *options], stdout=subprocess.PIPE)
+        stack.callback(simulated.wait)
         stack.callback(simulated.terminate)
         assert simulated.stdout is not None
         simulated.stdout.readline()

@@ -123,8 +123,9 @@ class TurnEstimator:
         delays = np.array([reading.delay for reading in self._readings])
         origin = azimuths[-1]
         speed = (azimuths[-1] - azimuths[0]) / (times[-1] - times[0])
-        # Evenly distributed within a motor step, and within the time the reading was under way.
-        variances = (self._resolution**2 + (speed * delays) ** 2) / 12.0
+        # Evenly distributed within a motor step. Which of the two ways was delayed is unknown and
+        # likely the same for all readings, so half the delay counts in full.
+        variances = self._resolution**2 / 12.0 + (0.5 * speed * delays) ** 2
         middle = times + 0.5 * delays
         line, covariance = _line(middle, azimuths - origin, 1.0 / variances)
         off = np.abs(azimuths - origin - line[0] - line[1] * middle)

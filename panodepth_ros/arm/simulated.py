@@ -17,13 +17,13 @@ import math
 import re
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from . import grbl
 from .motion import brake, chain, state_at
 from .simulated_gcode import RefusedLineError, words_of
+from .simulated_settings import Modes, default_settings
 from .truth import CAPACITY, Piece
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
@@ -35,44 +35,6 @@ _PLANNER_BLOCKS = 15
 _INCH = np.float32(25.4)
 _FARTHEST = 1e6  # the firmware's 32-bit count of steps must not overflow
 _NEVER = math.inf
-
-
-def default_settings(
-    *,
-    steps_per_degree: float = 25.0,
-    max_rate: float = 60.0,
-    acceleration: float = 3600.0,
-) -> dict[int, float]:
-    """
-    The stored settings ``$N``.
-
-    Parameters
-    ----------
-    steps_per_degree : float
-        Motor steps per degree; 25 are 9000 per turn.
-    max_rate : float
-        Largest speed [°/s].
-    acceleration : float
-        Acceleration [°/s²]; with 3600 a step of 0.2° takes 15 ms.
-    """
-    settings: dict[int, float] = {0: 10, 1: 255, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0, 10: 1}
-    settings |= {11: 0.01, 12: 0.002, 13: 0, 20: 0, 21: 0, 22: 0, 23: 0, 24: 300.0}
-    settings |= {25: 1800.0, 26: 250, 27: 1.0, 30: 1000, 31: 0, 32: 0}
-    for axis in range(3):
-        settings |= {100 + axis: steps_per_degree, 110 + axis: 60.0 * max_rate}
-        settings |= {120 + axis: acceleration, 130 + axis: 360.0}
-    return settings
-
-
-@dataclass
-class _Modes:
-    """What the G-code parser remembers between lines, and a reset forgets."""
-
-    motion: int = 0
-    inches: bool = False
-    relative: bool = False
-    feed: np.float32 = field(default_factory=lambda: np.float32(0.0))
-    position: np.float32 = field(default_factory=lambda: np.float32(0.0))
 
 
 class SimulatedController:
@@ -182,7 +144,7 @@ class SimulatedController:
 
     def _clear(self) -> None:
         self._received = bytearray()
-        self._modes = _Modes()
+        self._modes = Modes()
         self._blocks: deque[tuple[float, float]] = deque()  # target [rad], speed [rad/s]
         self._block_ends: deque[float] = deque()  # when each block is over, unless braked
         self._waiting: Callable[[float], bool] | None = None
@@ -364,8 +326,8 @@ class SimulatedController:
         if not jog and not self._critical:
             self._modes = modes
 
-    def _changed_modes(self, commands: set[int]) -> _Modes:
-        modes = _Modes(**vars(self._modes))
+    def _changed_modes(self, commands: set[int]) -> Modes:
+        modes = Modes(**vars(self._modes))
         for command in commands:
             if command in (0, 1):
                 modes.motion = command

@@ -184,7 +184,7 @@ class SimulatedArm:
             return
         self._closed = True
         if self.link.is_symlink() and os.readlink(self.link) == self.terminal:
-            self.link.unlink()
+            self.link.unlink(missing_ok=True)  # its folder may be gone, too
         for descriptor in (self._master, self._wake, self._waker):
             os.close(descriptor)
         self._truth.close()

@@ -8,8 +8,8 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from panodepth_ros.arm.simulated import default_settings
 from panodepth_ros.arm.simulated_dynamixel import SimulatedServo
+from panodepth_ros.arm.simulated_settings import default_settings
 from panodepth_ros.arm.terminal import SimulatedArm, TerminalError
 from panodepth_ros.arm.truth import TruthError
 

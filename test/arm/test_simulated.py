@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from panodepth_ros.arm.motion import state_at
-from panodepth_ros.arm.simulated import SimulatedController, default_settings
+from panodepth_ros.arm.simulated import SimulatedController
+from panodepth_ros.arm.simulated_settings import default_settings
 
 BANNER = "\r\nGrbl 1.1h ['$' for help]\r\n"
 
