@@ -16,16 +16,18 @@ from functools import partial
 from panodepth_ros.arm import grbl
 from panodepth_ros.arm.dynamixel_bus import DynamixelBus
 from panodepth_ros.arm.errors import ArmError
+from panodepth_ros.arm.simulated_dynamixel import crc16
 
 GRBL = (
     b'<Idle|MPos:41.709,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n',
     b'<Hold:1|WPos:-1.0000,0.0000,0.0000|F:600>\r\nok\r\n',
     b"error:33\r\nALARM:1\r\n$100=25.000\r\n[MSG:x]\r\nGrbl 1.1h ['$' for help]\r\n",
 )
+_ANSWER = bytes.fromhex('FFFFFD000112005500')
 DYNAMIXEL = (
-    bytes.fromhex('FFFFFD00010700550024042D'),
-    bytes.fromhex('FFFFFD000112005500000000000000000000000000000000'),
-    bytes.fromhex('FFFFFD000100FFFFFDFD55'),
+    _ANSWER + bytes(16),
+    _ANSWER + bytes.fromhex('01 02 0000 0000 0F000000 FFFFFDFD') + bytes(2),
+    bytes.fromhex('FFFFFD0001040055800000'),
 )
 #: What a line assembler may keep [bytes].
 _LIMIT = 600
@@ -48,6 +50,10 @@ class Memory:
         """Give bytes of the answer."""
         data, self._rest = self._rest[:length], self._rest[length:]
         return data
+
+    def is_silent(self) -> bool:
+        """Whether nothing is left to read."""
+        return not self._rest
 
     def reset_input_buffer(self) -> None:
         """Forget the rest."""
@@ -74,6 +80,14 @@ def mutated(random_: random.Random, seeds: tuple[bytes, ...]) -> bytes:
     return bytes(data)
 
 
+def sealed(data: bytes) -> bytes:
+    """Return a servo's packet with the length and the CRC that its bytes ask for."""
+    if len(data) < 9:
+        return data
+    data = data[:5] + (len(data) - 7).to_bytes(2, 'little') + data[7:-2]
+    return data + crc16(data).to_bytes(2, 'little')
+
+
 def check_grbl(assembler: grbl.LineAssembler, data: bytes) -> None:
     """Parse what a stream makes of some bytes."""
     for line in assembler.feed(data):
@@ -83,10 +97,11 @@ def check_grbl(assembler: grbl.LineAssembler, data: bytes) -> None:
 
 
 def check_dynamixel(bus: DynamixelBus, memory: Memory, data: bytes) -> None:
-    """Ask a servo that answers with some bytes."""
-    memory.answer = data
-    with suppress(ArmError):
-        bus.read_block(122, 14)
+    """Ask a servo that answers with some bytes, as they are and with a right CRC."""
+    for answer in (data, sealed(data)):
+        memory.answer = answer
+        with suppress(ArmError):
+            bus.read_block(122, 14)
 
 
 def run(inputs: int, check: Callable[[bytes], None], seeds: tuple[bytes, ...], seed: int) -> float:
@@ -108,6 +123,7 @@ def impatient_bus(memory: Memory) -> DynamixelBus:
     """Make a bus on a port in memory, which takes silence for a timeout at once."""
     bus = DynamixelBus('memory', 57600, 1, 0.0, open_port=lambda *_, **__: memory)
     bus.handler.setPacketTimeout = bus.handler.setPacketTimeoutMillis = lambda _: None
+    bus.handler.isPacketTimeout = memory.is_silent
     return bus
 
 

@@ -1,10 +1,12 @@
 """Bytes from outside: whatever comes, no crash, no hang, no growing memory."""
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks import fuzz
 from panodepth_ros.arm import grbl
+from panodepth_ros.arm.errors import ArmProtocolError
 
 
 @given(st.lists(st.binary(max_size=700), max_size=8))
@@ -27,3 +29,13 @@ def test_mutated_answers_of_both_controllers_do_no_harm():
     bus, assembler = fuzz.impatient_bus(memory), grbl.LineAssembler()
     fuzz.run(2000, lambda data: fuzz.check_grbl(assembler, data), fuzz.GRBL, seed=1)
     fuzz.run(2000, lambda data: fuzz.check_dynamixel(bus, memory, data), fuzz.DYNAMIXEL, seed=1)
+
+
+def test_fuzzed_servo_answers_reach_the_values():
+    memory = fuzz.Memory()
+    bus = fuzz.impatient_bus(memory)
+    memory.answer = fuzz.sealed(fuzz.DYNAMIXEL[0])
+    assert bus.read_block(122, 14) == bytes(14)
+    memory.answer = fuzz.sealed(fuzz.DYNAMIXEL[0] + bytes(1))
+    with pytest.raises(ArmProtocolError, match='with 15 bytes instead of 14'):
+        bus.read_block(122, 14)
