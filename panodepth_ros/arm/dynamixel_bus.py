@@ -13,6 +13,7 @@ from .errors import ArmConnectionError, ArmError, ArmProtocolError, ArmTimeoutEr
 
 #: How long one read of the port waits for bytes [s].
 _READ_TIMEOUT = 0.005
+_READ = 0x02
 #: Bit of a status packet's error that says that the servo has a hardware error.
 _ALERT = 0x80
 #: What a servo may take to start again [s].
@@ -90,11 +91,15 @@ class DynamixelBus:
         """Read bytes of the control table."""
         data: list[int] = []
 
+        # Not the SDK's readTxRx, which takes the CRC of a short answer for values.
+        query = [0, 0, 0, 0, self._servo_id, 7, 0, _READ]
+        query += [*address.to_bytes(2, 'little'), *length.to_bytes(2, 'little'), 0, 0]
+
         def ask() -> tuple[int, int]:
             nonlocal data
-            data, result, error = self._packets.readTxRx(
-                self.handler, self._servo_id, address, length
-            )
+            packet, result, error = self._packets.txRxPacket(self.handler, list(query))
+            if result == 0:
+                data = packet[9 : 7 + int.from_bytes(packet[5:7], 'little') - 2]
             return result, error
 
         self._ask(f'a query of address {address}', ask)

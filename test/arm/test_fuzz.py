@@ -39,3 +39,9 @@ def test_fuzzed_servo_answers_reach_the_values():
     memory.answer = fuzz.sealed(fuzz.DYNAMIXEL[0][:-2])
     with pytest.raises(ArmProtocolError, match='with 12 bytes instead of 14'):
         bus.read_block(122, 14)
+
+
+def test_noise_without_an_end_of_line_does_not_fill_the_memory():
+    assembler = grbl.LineAssembler()
+    for _ in range(100):
+        fuzz.check_grbl(assembler, b'x' * 100)
