@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from panodepth_ros.arm.motion import trapezoid
+from panodepth_ros.arm.motion import chain
 from panodepth_ros.capture_time import Motor, continuous, stop_and_go, widest_stripe
 
 STEP = math.radians(0.2)
@@ -14,7 +14,7 @@ MOTOR = Motor(speed=math.radians(30), acceleration=math.radians(3600))
 @pytest.mark.parametrize('degrees', [0.2, 0.24, 0.25, 0.26, 1.0, 360.0])
 def test_moving_time_is_that_of_the_simulated_arm(degrees):
     way = math.radians(degrees)
-    pieces = trapezoid(0.0, 0.0, way, MOTOR.speed, MOTOR.acceleration)
+    pieces, _ = chain(0.0, 0.0, 0.0, [(way, MOTOR.speed)], MOTOR.acceleration)
     assert MOTOR.moving_time(way) == pytest.approx(pieces[-1].begin, rel=1e-12)
 
 
