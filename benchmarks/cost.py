@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.methods import bare_peer
-from benchmarks.scenes import noise_pair
+from benchmarks.methods import ALL_COLUMNS, bare_peer
+from benchmarks.scenes import noise_further, noise_pair
 from panodepth_ros.geometry import Panorama
-from panodepth_ros.matching import match, prepare
+from panodepth_ros.matching import Correspondence, match, prepare
 
 Array = npt.NDArray[np.float64]
 
@@ -60,6 +60,15 @@ def median_times(
     return {name: float(np.median(taken)) for name, taken in times.items()}
 
 
+def product_run(
+    name: str, left: Panorama, right: Panorama, threads: int
+) -> Callable[[], Correspondence]:
+    """One of the product's methods on a pair, with six more panoramas if its name says so."""
+    method = name.removesuffix(ALL_COLUMNS)
+    further = [] if method == name else noise_further(left, right)
+    return partial(match, left, right, further=further, method=method, threads=threads)
+
+
 def compare(
     pair: tuple[Panorama, Panorama],
     methods: Sequence[str],
@@ -75,7 +84,7 @@ def compare(
         f'OpenCV {peer}': bare_peer(peer, left, right) for peer in peers
     }
     for method in methods:
-        runs[method] = partial(match, left, right, method=method, threads=threads)
+        runs[method] = product_run(method, left, right, threads)
     before = cv2.getNumThreads()
     cv2.setNumThreads(threads)
     try:
@@ -129,11 +138,8 @@ def _measure_own_peak(method: str, size: tuple[int, int, int], threads: int) -> 
     if method.startswith('OpenCV '):
         run = bare_peer(method.removeprefix('OpenCV '), left, right)
     else:
-        prepare(method)
-
-        def run() -> Any:
-            return match(left, right, method=method, threads=threads)
-
+        prepare(method.removesuffix(ALL_COLUMNS))
+        run = product_run(method, left, right, threads)
     ctypes.CDLL(None).malloc_trim(0)  # what was freed must not hide what is taken
     Path('/proc/self/clear_refs').write_text('5')  # the peak starts anew
     before = _resident('VmRSS')

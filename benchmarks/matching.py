@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import accuracy, cost, report, scenes
-from benchmarks.methods import PEERS, Method, peer_method, product_method
+from benchmarks.methods import ALL_COLUMNS, PEERS, Method, peer_method, product_method
 from panodepth_ros.matching import METHODS, Correspondence, prepare
 
 #: The paper's size and one of today's cameras: rows, columns, candidates.
@@ -30,6 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').strip().partition('\n')[0])
     parser.add_argument('--data', type=Path, action='append', default=[], metavar='DIR')
+    parser.add_argument('--rooms', type=int, nargs='+', default=[0], help='seeds of own rooms')
     parser.add_argument('--output', type=Path, required=True, metavar='OUT')
     own = [name for name in METHODS if name not in ('sgbm', 'bm')]  # those are OpenCV's, see PEERS
     parser.add_argument('--methods', nargs='+', choices=METHODS, default=own)
@@ -44,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prepare(method)
     print(f'{report.versions()}\n')
     if options.only in (None, 'accuracy'):
-        measure_accuracy(options.data, options.methods, options.output)
+        measure_accuracy(options.data, options.rooms, options.methods, options.output)
     if options.only != 'accuracy':
         measure_processor(options.methods, options.repeat)
     if options.only in (None, 'cost'):
@@ -52,10 +53,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def measure_accuracy(data: Sequence[Path], names: Sequence[str], output: Path) -> None:
+def measure_accuracy(
+    data: Sequence[Path], seeds: Sequence[int], names: Sequence[str], output: Path
+) -> None:
     """Print the accuracy of every method on every scene; write the curves."""
     rooms = [scenes.rendered_room(folder) for folder in data]
-    for scene in [*rooms, scenes.own_room(0), scenes.weak_texture()]:
+    rooms += [scenes.own_room(seed) for seed in seeds]
+    for scene in [*rooms, scenes.weak_texture()]:
         methods: list[Method] = []
         for name in names:
             methods += [product_method(name), product_method(name, further=True)]
@@ -101,6 +105,8 @@ def measure_processor(names: Sequence[str], repeat: int) -> None:
 def measure_cost(names: Sequence[str], repeat: int, *, large: bool) -> None:
     """Print times, memory and how the time grows."""
     scene = scenes.weak_texture()
+    if 'semiglobal' in names:
+        names = [*names, f'semiglobal{ALL_COLUMNS}']
     for size in (PAPER, LARGE) if large else (PAPER,):
         pair = (scene.left, scene.right) if size == PAPER else scenes.noise_pair(*size)
         # OpenCV's two-pass matchers hold all candidates of all pixels: 3.5 GB at the large size.

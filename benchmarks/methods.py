@@ -23,6 +23,8 @@ SGBM_MODES = {
     'HH4': cv2.STEREO_SGBM_MODE_HH4,
 }
 PEERS = ('BM', *SGBM_MODES)
+#: What is added to the name of a method that gets all panoramas of a sweep.
+ALL_COLUMNS = ', all columns'
 
 
 def peer_matcher(name: str, candidates: int) -> Any:
@@ -68,7 +70,7 @@ def product_method(name: str, *, further: bool = False) -> Method:
         others = scene.further if further else ()
         return match(scene.left, scene.right, further=others, method=name, threads=threads)
 
-    return Method(f'{name}, all columns' if further else name, run)
+    return Method(f'{name}{ALL_COLUMNS}' if further else name, run)
 
 
 def peer_method(name: str) -> Method:

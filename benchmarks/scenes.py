@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -299,6 +299,29 @@ def noise_pair(rows: int, columns: int, candidates: int) -> tuple[Panorama, Pano
         return Panorama(_noisy(image, rng), geometry)
 
     return panorama(left, -1), panorama(right, 1)
+
+
+def noise_further(left: Panorama, right: Panorama) -> list[Panorama]:
+    """What the sweep of a ``noise_pair`` gives besides, for times and memory."""
+    eye = right.geometry
+    radius, step = eye.arm_radius, eye.column_step
+    candidates = int(2 * eye.principal_angle / step)
+    delta = 2 * eye.principal_angle - candidates // 2 * step
+    distance = radius * math.sin(eye.principal_angle) / math.sin(delta / 2)  # eq. 2
+    further = []
+    for share in sorted(sign * share for share in FURTHER_SHARES for sign in (-1, 1)):
+        angle = share * eye.principal_angle
+        lead = math.asin(radius * math.sin(angle) / distance) + delta / 2
+        azimuth_column = eye.columns / 2 + angle / step
+        shift = azimuth_column - left.geometry.azimuth_column - lead / step
+        geometry = replace(
+            eye,
+            azimuth_column=azimuth_column,
+            principal_angle=angle,
+            ray_angle=np.full(eye.columns, angle),
+        )
+        further.append(Panorama(np.roll(left.image, round(shift), axis=1), geometry))
+    return further
 
 
 class _Texture:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from panodepth_ros.camera.simulated.furnished import furnished_room
 from panodepth_ros.camera.simulated.room import RoomCamera
 from panodepth_ros.geometry import Panorama, PanoramaGeometry
-from panodepth_ros.matching import confidence, semiglobal
+from panodepth_ros.matching import confidence, fusion, semiglobal
 from panodepth_ros.matching.semiglobal_costs import grey_noise
 
 Array = npt.NDArray[np.float64]
@@ -29,17 +29,20 @@ Image = npt.NDArray[np.uint8]
 COLUMNS, ROWS = 1800, 120
 WIDTH, FIELD_OF_VIEW = 160, math.radians(34.0)
 ARM_RADIUS = 0.3
+#: Columns of further panoramas, as shares of the pair's distance from the middle.
+FURTHER_SHARES = (1 / 6, 1 / 2, 5 / 6)
 
 
-def swept(seed: int, pixel: int) -> tuple[Image, Image, Array, float]:
-    """Left and right panorama, true column disparity (H, W) and φ of pixel columns ± pixel."""
+def swept(seed: int, pixels: list[int]) -> tuple[list[Image], Array, list[float]]:
+    """Panoramas of pixel columns, true column disparity (H, W) of the first two, ray angles."""
     room = furnished_room(seed)
     camera = RoomCamera.from_field_of_view(WIDTH, ROWS, FIELD_OF_VIEW)
-    angle = math.atan((pixel - camera.cx) / camera.fx)
+    angles = [-math.atan((pixel - camera.cx) / camera.fx) for pixel in pixels]
+    angle = angles[1]
     step = 2 * math.pi / COLUMNS
     azimuths = -step * np.arange(COLUMNS)
     images = []
-    for column in (pixel, WIDTH - 1 - pixel):
+    for column in pixels:
         slit = RoomCamera(
             width=1, height=ROWS, fx=camera.fx, fy=camera.fy, cx=camera.cx - column, cy=camera.cy
         )
@@ -58,7 +61,7 @@ def swept(seed: int, pixel: int) -> tuple[Image, Image, Array, float]:
     distance = np.hypot(points[..., 0], points[..., 1])
     # eq. 2 solved for θ, eq. 4
     half_turn = angle - np.arcsin(ARM_RADIUS * math.sin(angle) / distance)
-    return images[0], images[1], 2 * half_turn / step, angle
+    return images, 2 * half_turn / step, angles
 
 
 def photographed(image: Image, look: dict[str, float], rng: np.random.Generator) -> Image:
@@ -85,27 +88,44 @@ def panorama(image: Image, angle: float) -> Panorama:
     return Panorama(image, geometry)
 
 
-def samples(seed: int, pool: ThreadPoolExecutor) -> tuple[Array, npt.NDArray[np.bool_]]:
+def samples(
+    seed: int, pool: ThreadPoolExecutor, *, further: bool
+) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Features (M, len(FEATURES)) of every fifth pixel of a room, and whether it was right."""
     rng = np.random.default_rng(seed)
     pixel = int(rng.choice([110, 130, 150]))
-    left, right, truth, angle = swept(seed, pixel)
+    middle = (WIDTH - 1) / 2
+    offsets = [share * (pixel - middle) for share in FURTHER_SHARES] if further else []
+    others = [round(middle + sign * offset) for offset in offsets for sign in (-1, 1)]
+    images, truth, angles = swept(seed, [pixel, WIDTH - 1 - pixel, *others])
     look = {
         'noise': float(rng.uniform(0.5, 4.0)),
         'contrast': float(rng.uniform(0.4, 1.0)),
         'gain': 1.0,
     }
-    images = [photographed(left, look, rng)]
+    images[0] = photographed(images[0], look, rng)
     look['gain'] = float(rng.choice([1.0, 1.0, 1.06]))
-    images.append(photographed(right, look, rng))
-    if rng.random() < 0.3:
+    images[1] = photographed(images[1], look, rng)
+    grey = rng.random() < 0.3
+    images[2:] = [photographed(image, look, rng) for image in images[2:]]
+    if grey:
         images = [np.repeat(image[..., 1:2], 3, axis=2) for image in images]
-    pair, seam = semiglobal.cut_open(panorama(images[0], -angle), panorama(images[1], angle))
-    pair = semiglobal.equalised(pair, pool)
-    winners = semiglobal.aggregate(pair, grey_noise(pair.left_grey), pool)
+    left, right, *more = [
+        panorama(image, angle) for image, angle in zip(images, angles, strict=True)
+    ]
+    if further:
+        pair, views, seam = fusion.look(left, right, more, pool)
+        winners = fusion.aggregate_views(pair, views, grey_noise(pair.left_grey), pool)
+        locate = fusion.locator(views, winners)
+        disparity, _ = fusion.refine_views(pair, views, winners, pool)
+    else:
+        pair, seam = semiglobal.cut_open(left, right)
+        pair = semiglobal.equalised(pair, semiglobal.rough_match(pair, pool))
+        winners = semiglobal.aggregate(pair, grey_noise(pair.left_grey), pool)
+        locate = None
+        disparity, _ = semiglobal.refine(pair, winners, pool)
     borders = semiglobal.bordered(pair, winners)
-    values, _, _ = semiglobal.evidence(borders, winners, 0, ROWS)
-    disparity, _ = semiglobal.refine(pair, winners, pool)
+    values, _, _ = semiglobal.evidence(borders, winners, 0, ROWS, locate)
     right_one = np.abs(disparity - np.roll(truth, -seam, axis=1)) <= 1
     columns = [value.ravel()[::5].astype(np.float64) for value in values]
     return np.column_stack([*columns, np.ones_like(columns[0])]), right_one.ravel()[::5]
@@ -130,11 +150,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--rooms', type=int, default=24, help='number of rooms')
     parser.add_argument('--first-seed', type=int, default=100, help='seed of the first room')
+    parser.add_argument(
+        '--further', action='store_true', help='with further panoramas: fit those of fusion'
+    )
     arguments = parser.parse_args()
     found = []
     with ThreadPoolExecutor(2) as pool:
         for seed in range(arguments.first_seed, arguments.first_seed + arguments.rooms):
-            found.append(samples(seed, pool))
+            found.append(samples(seed, pool, further=arguments.further))
             print(f'room {seed}: {found[-1][1].mean():.3f} right')
     coefficients = fitted(
         np.concatenate([f for f, _ in found[::2]]), np.concatenate([r for _, r in found[::2]])

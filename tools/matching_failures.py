@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from panodepth_ros.matching import match
-from tools.fit_confidence import panorama, photographed, swept
+from tools.fit_confidence import WIDTH, panorama, photographed, swept
 
 #: Blue, green, red.
 RIGHT, UNMATCHED, WRONG = (255, 255, 255), (170, 170, 170), (0, 0, 220)
@@ -22,7 +22,7 @@ def main() -> None:
     parser.add_argument('--least-confidence', type=float, default=0.5)
     parser.add_argument('--output', default='matching_failures.jpg')
     arguments = parser.parse_args()
-    left, right, truth, angle = swept(arguments.seed, 150)
+    (left, right), truth, (_, angle) = swept(arguments.seed, [150, WIDTH - 1 - 150])
     rng = np.random.default_rng(arguments.seed)
     look = {'noise': arguments.noise, 'contrast': 1.0, 'gain': 1.0}
     left, right = photographed(left, look, rng), photographed(right, look, rng)

@@ -175,9 +175,11 @@ def features(
     ]
 
 
-def probability(values: list[Float32Array]) -> Float32Array:
+def probability(
+    values: list[Float32Array], coefficients: npt.NDArray[np.float64] = COEFFICIENTS
+) -> Float32Array:
     """Logistic function of the weighted features, in (0, 1)."""
-    exponent = np.full(values[0].shape, COEFFICIENTS[-1], np.float32)
-    for coefficient, value in zip(COEFFICIENTS[:-1], values, strict=True):
+    exponent = np.full(values[0].shape, coefficients[-1], np.float32)
+    for coefficient, value in zip(coefficients[:-1], values, strict=True):
         exponent += np.float32(coefficient) * value
     return np.asarray(1 / (1 + np.exp(-exponent)), np.float32)

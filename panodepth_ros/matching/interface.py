@@ -22,7 +22,7 @@ from panodepth_ros.geometry import Panorama, PanoramaGeometry, check_pair
 WINDOW_HALF_WIDTH = 4
 
 _MODULES = {
-    'semiglobal': ('panodepth_ros.matching.semiglobal', 'match_semiglobal'),
+    'semiglobal': ('panodepth_ros.matching.fusion', 'match_sweep'),
     'ncc': ('panodepth_ros.matching.ncc', 'match_ncc'),
     'sparse': ('panodepth_ros.matching.sparse', 'match_sparse'),
     'sgbm': ('panodepth_ros.matching.opencv', 'match_sgbm'),
@@ -207,7 +207,7 @@ def match(
     left, right : Panorama
         Left eye (principal angle −φ) and right eye (+φ) of one sweep, H × W.
     further : sequence of Panorama
-        Other panoramas of the same sweep; methods that use one pair ignore them.
+        Other panoramas of the same sweep, any principal angles; only ``semiglobal`` uses them.
     method : str
         One of ``METHODS``.
     threads : int
@@ -221,7 +221,8 @@ def match(
     Raises
     ------
     ValueError
-        If the panoramas are not a pair or too small, or the method is unknown.
+        If the panoramas are not a pair or too small, the method is unknown, or a further panorama
+        that is used has another size or arm radius than the pair.
     """
     if threads < 1:
         raise ValueError(f'threads is {threads}; allowed: at least 1')

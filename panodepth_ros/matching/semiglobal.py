@@ -45,6 +45,7 @@ from panodepth_ros.matching.semiglobal_paths import (
 Bytes = npt.NDArray[np.uint8]
 Float32Array = npt.NDArray[np.float32]
 Scalar = TypeVar('Scalar', bound=np.generic)
+Locate = Callable[['Bordered', int, int, Float32Array, Float32Array], None]
 
 #: Disparities that are less probably right than this count as unmatched.
 LEAST_CONFIDENCE = 0.3
@@ -116,17 +117,22 @@ def match_semiglobal(
     left: Panorama, right: Panorama, further: Sequence[Panorama], threads: int
 ) -> Correspondence:
     """
-    Match a pair; ``further`` is not used.
+    Match a pair; ``further`` is not used here, but by :func:`fusion.match_sweep`.
 
     Parameters and returns as in :func:`panodepth_ros.matching.match`. The confidence is the
     probability that the disparity is right within one column.
     """
     pair, seam = cut_open(left, right)
     with ThreadPoolExecutor(threads) as pool:
-        pair = equalised(pair, pool)
+        pair = equalised(pair, rough_match(pair, pool))
         noise = grey_noise(pair.left_grey)
         winners = aggregate(pair, noise, pool)
         disparity, probability = refine(pair, winners, pool)
+    return kept(disparity, probability, seam)
+
+
+def kept(disparity: Float32Array, probability: Float32Array, seam: int) -> Correspondence:
+    """What is probable enough, on the left panorama's own columns."""
     unmatched = probability < LEAST_CONFIDENCE
     disparity[unmatched] = np.nan
     probability[unmatched] = np.nan
@@ -155,8 +161,8 @@ def cut_open(left: Panorama, right: Panorama) -> tuple[ColourPair, int]:
     pair = ColourPair(
         left=rolled(_colours(left)),
         right=rolled(_colours(right)),
-        left_grey=rolled(_bridged(grey.left, grey.left_seen)),
-        right_grey=rolled(_bridged(grey.right, grey.right_seen)),
+        left_grey=rolled(bridged(grey.left, grey.left_seen)),
+        right_grey=rolled(bridged(grey.right, grey.right_seen)),
         left_seen=np.roll(grey.left_seen, -seam),
         right_seen=np.roll(grey.right_seen, -seam),
         first=grey.first,
@@ -172,7 +178,7 @@ def _colours(panorama: Panorama) -> Bytes:
     return np.repeat(image[np.newaxis], 3, axis=0)
 
 
-def _bridged(grey: Bytes, seen: npt.NDArray[np.bool_]) -> Bytes:
+def bridged(grey: Bytes, seen: npt.NDArray[np.bool_]) -> Bytes:
     """Grey levels with unseen columns interpolated, so that windows beside them stay usable."""
     if seen.all() or not seen.any():
         return grey
@@ -189,22 +195,49 @@ def _bridged(grey: Bytes, seen: npt.NDArray[np.bool_]) -> Bytes:
     return bridged
 
 
-def equalised(pair: ColourPair, pool: ThreadPoolExecutor) -> ColourPair:
-    """Give the left eye the brightness of the right eye, judged by a rough match of the census."""
+@dataclass(frozen=True, eq=False, slots=True)
+class RoughMatch:
+    """
+    Points that both eyes see, in panoramas of a ``ROUGH_SCALE``-th of the size.
+
+    Attributes
+    ----------
+    y, x : ndarray of int, shape (M,)
+        Their pixels in the left panorama.
+    disparity : ndarray of int, shape (M,)
+        Their column disparity there.
+    left, right : ndarray of uint8, shape (3, M)
+        Their colours in both eyes.
+    """
+
+    y: npt.NDArray[np.intp]
+    x: npt.NDArray[np.intp]
+    disparity: npt.NDArray[np.intp]
+    left: Bytes
+    right: Bytes
+
+
+def small(image: Bytes) -> Bytes:
+    """An image at a ``ROUGH_SCALE``-th of its size."""
+    size = image.shape[1] // ROUGH_SCALE, image.shape[0] // ROUGH_SCALE
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def small_seen(seen: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Columns of a small panorama of which all was seen."""
+    if seen.all():
+        return np.ones(seen.size // ROUGH_SCALE, np.bool_)
+    shares = small(np.tile(255 * seen.astype(np.uint8), (ROUGH_SCALE, 1)))
+    return np.asarray(shares[0] == 255)
+
+
+def rough_match(pair: ColourPair, pool: ThreadPoolExecutor) -> RoughMatch | None:
+    """Match the census of a small pair; None if it would be too small."""
     rows, columns = pair.left_grey.shape
-    size = columns // ROUGH_SCALE, rows // ROUGH_SCALE
     candidates = pair.candidates // ROUGH_SCALE
-    if candidates < 2 or size[1] < 2 * CENSUS_ROWS or size[0] < candidates + 2 * CENSUS_COLUMNS:
-        return pair
-
-    def small(image: Bytes) -> Bytes:
-        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-
-    def small_seen(seen: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-        if seen.all():
-            return np.ones(size[0], np.bool_)
-        shares = small(np.ascontiguousarray(np.tile(255 * seen.astype(np.uint8), (rows, 1))))
-        return np.asarray(shares[0] == 255)
+    narrow = columns // ROUGH_SCALE < candidates + 2 * CENSUS_COLUMNS
+    if candidates < 2 or rows // ROUGH_SCALE < 2 * CENSUS_ROWS or narrow:
+        return None
 
     rough = ColourPair(
         left=np.stack([small(channel) for channel in pair.left]),
@@ -220,7 +253,18 @@ def equalised(pair: ColourPair, pool: ThreadPoolExecutor) -> ColourPair:
     partners = rough.partners(winners.best)
     agreed = (winners.eyes == 0) & rough.left_seen & rough.right_seen[partners]
     y, x = np.nonzero(agreed)
-    tables = level_tables(rough.left[:, y, x], rough.right[:, y, partners[y, x]])
+    return RoughMatch(
+        y=y,
+        x=x,
+        disparity=winners.best[y, x] + np.intp(rough.first),
+        left=rough.left[:, y, x],
+        right=rough.right[:, y, partners[y, x]],
+    )
+
+
+def equalised(pair: ColourPair, rough: RoughMatch | None) -> ColourPair:
+    """Give the left eye the brightness of the right eye, judged by a rough match."""
+    tables = None if rough is None else level_tables(rough.left, rough.right)
     if tables is None:
         return pair
     return replace(
@@ -265,9 +309,9 @@ def aggregate(
             memory.block, best[top:bottom, start:stop], margin[top:bottom, start:stop], found,
         )  # fmt: skip
         with merging:
-            _merge(right_best[top:bottom], found, pair.first + start)
+            merge(right_best[top:bottom], found, pair.first + start)
 
-    tiles = _tiles(rows, columns, lanes)
+    tiles = tiles_of(rows, columns, lanes, TILE_SIZE)
     height = max(bottom - top for top, bottom, _, _ in tiles)
     width = max(stop - start for _, _, start, stop in tiles)
     for _ in pool.map(run, tiles):
@@ -289,19 +333,19 @@ def _surroundings(
     right_start, right_stop = start + pair.first, stop + pair.first + lanes
     side = CENSUS_COLUMNS
     return (
-        _wrapped(pair.left[:, first:last], start, stop),
-        _wrapped(pair.right[:, first:last], right_start, right_stop),
-        _wrapped(pair.left_grey[census_rows], start - side, stop + side),
-        _wrapped(pair.right_grey[census_rows], right_start - side, right_stop + side),
-        _wrapped(pair.left_seen, start, stop),
-        _wrapped(pair.right_seen, right_start, right_stop),
+        wrapped(pair.left[:, first:last], start, stop),
+        wrapped(pair.right[:, first:last], right_start, right_stop),
+        wrapped(pair.left_grey[census_rows], start - side, stop + side),
+        wrapped(pair.right_grey[census_rows], right_start - side, right_stop + side),
+        wrapped(pair.left_seen, start, stop),
+        wrapped(pair.right_seen, right_start, right_stop),
     )
 
 
-def _tiles(rows: int, columns: int, lanes: int) -> list[tuple[int, int, int, int]]:
+def tiles_of(rows: int, columns: int, lanes: int, size: int) -> list[tuple[int, int, int, int]]:
     """Tiles as (top, bottom, start, stop)."""
     strips = -(-rows // TILE_ROWS)
-    widest = max(TILE_SIZE * strips // (rows * lanes), MARGIN_COLUMNS)
+    widest = max(size * strips // (rows * lanes), MARGIN_COLUMNS)
     across = max(-(-columns // widest), -(-FEWEST_TILES // strips))
     edges = [round(strip * rows / strips) for strip in range(strips + 1)]
     sides = [round(tile * columns / across) for tile in range(across + 1)]
@@ -313,7 +357,7 @@ def _tiles(rows: int, columns: int, lanes: int) -> list[tuple[int, int, int, int
     ]
 
 
-def _wrapped(array: npt.NDArray[Scalar], start: int, stop: int) -> npt.NDArray[Scalar]:
+def wrapped(array: npt.NDArray[Scalar], start: int, stop: int) -> npt.NDArray[Scalar]:
     """Columns start … stop − 1 of an array that wraps around."""
     return np.take(array, np.arange(start, stop), axis=-1, mode='wrap')
 
@@ -323,7 +367,7 @@ def _taller(image: npt.NDArray[Scalar], border: int) -> npt.NDArray[Scalar]:
     return np.pad(image, ((border, border), (0, 0)), mode='edge')
 
 
-def _merge(right_best: npt.NDArray[np.uint32], found: npt.NDArray[np.uint32], column: int) -> None:
+def merge(right_best: npt.NDArray[np.uint32], found: npt.NDArray[np.uint32], column: int) -> None:
     """Take in the right pixels' best that a tile found from ``column`` on, which wraps around."""
     columns = right_best.shape[1]
     start = 0
@@ -336,12 +380,19 @@ def _merge(right_best: npt.NDArray[np.uint32], found: npt.NDArray[np.uint32], co
 
 
 def refine(
-    pair: ColourPair, winners: Winners, pool: ThreadPoolExecutor
+    pair: ColourPair,
+    winners: Winners,
+    pool: ThreadPoolExecutor,
+    *,
+    locate: Locate | None = None,
+    coefficients: npt.NDArray[np.float64] = confidence.COEFFICIENTS,
 ) -> tuple[Float32Array, Float32Array]:
     """
     Find sub-column disparities and probabilities, shape (H, W), for all pixels.
 
     The probability is 0 where an eye did not see. The bands in which this happens do not show.
+    ``locate`` stands in for ``refinement.locate``, from images and rows start … stop − 1 to
+    fraction and weight.
     """
     rows, columns = winners.best.shape
     images = bordered(pair, winners)
@@ -350,8 +401,8 @@ def refine(
 
     def evaluate(start: int, stop: int) -> None:
         band = slice(start, stop)
-        values, fraction, certainty = evidence(images, winners, start, stop)
-        promised = confidence.probability(values)
+        values, fraction, certainty = evidence(images, winners, start, stop, locate)
+        promised = confidence.probability(values, coefficients)
         estimate[band] = fraction + winners.best[band] + np.float32(pair.first)
         weight[band] = certainty * promised**2 + np.float32(refinement.LEAST_WEIGHT)
         if not everything_seen:
@@ -407,22 +458,25 @@ def bordered(pair: ColourPair, winners: Winners) -> Bordered:
     agreed[:, ~pair.left_seen] = confidence.DISAGREES
     last = pair.first + columns + pair.candidates + half
     return Bordered(
-        left=_wrapped(_taller(pair.left_grey, half), -half, columns + half),
-        right=_wrapped(_taller(pair.right_grey, half), pair.first - half - 1, last),
+        left=wrapped(_taller(pair.left_grey, half), -half, columns + half),
+        right=wrapped(_taller(pair.right_grey, half), pair.first - half - 1, last),
         best=best,
-        agreed=_wrapped(_taller(agreed, confidence.FAR), -wide, columns + wide),
+        agreed=wrapped(_taller(agreed, confidence.FAR), -wide, columns + wide),
         colours=pair.left,
-        seen=_wrapped(pair.left_seen, -wide, columns + wide),
+        seen=wrapped(pair.left_seen, -wide, columns + wide),
     )
 
 
 def evidence(
-    images: Bordered, winners: Winners, start: int, stop: int
+    images: Bordered, winners: Winners, start: int, stop: int, locate: Locate | None = None
 ) -> tuple[list[Float32Array], Float32Array, Float32Array]:
     """Features of ``confidence`` of some rows, and what ``refinement.locate`` finds there."""
     shape = stop - start, images.best.shape[1]
     fraction, weight, near, far, alike = (np.empty(shape, np.float32) for _ in range(5))
-    refinement.locate(images.left, images.right, winners.best, start, stop, fraction, weight)
+    if locate is None:
+        refinement.locate(images.left, images.right, winners.best, start, stop, fraction, weight)
+    else:
+        locate(images, start, stop, fraction, weight)
     for half, stride, out in (
         (confidence.NEAR, confidence.NEAR_STRIDE, near),
         (confidence.FAR, confidence.FAR_STRIDE, far),
@@ -439,6 +493,7 @@ def evidence(
 def _in_bands(
     pool: ThreadPoolExecutor, run: Callable[[int, int], None], length: int, band: int
 ) -> None:
+    """Run something for all bands of a length."""
     starts = range(0, length, band)
     for _ in pool.map(lambda start: run(start, min(start + band, length)), starts):
         pass

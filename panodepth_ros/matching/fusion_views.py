@@ -1,0 +1,196 @@
+"""
+Where further panoramas of a sweep show what a pair's candidate stands for.
+
+A candidate of the pair is a distance. For one distance every panorama is the left one shifted by
+a constant number of columns, β = α + asin(r·sin ψ / l), and with its rows scaled about the
+principal row, because the camera that took it stood a little nearer or farther.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from panodepth_ros.geometry import Panorama, PanoramaGeometry
+from panodepth_ros.matching.exposure import level_tables
+from panodepth_ros.matching.semiglobal import ROUGH_SCALE, RoughMatch, bridged, small, small_seen
+
+Bytes = npt.NDArray[np.uint8]
+Array = npt.NDArray[np.float64]
+
+#: Arm radii that differ by less than this share count as equal.
+RADIUS_TOLERANCE = 1e-6
+#: By how many column steps ray angles may differ from the principal angle.
+MOST_DEVIATION = 2.0
+#: Least baseline to the left panorama that tells a distance, as a share of the pair's.
+LEAST_BASELINE = 0.02
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class View:
+    """
+    A panorama as seen from the left one. Columns count from the pair's seam.
+
+    Attributes
+    ----------
+    image : ndarray of uint8, shape (H, W, 3) or (H, W)
+        Colours or grey levels, from the panorama's own column 0.
+    grey : ndarray of uint8, shape (H, W)
+        Grey levels, interpolated across columns that were not seen, likewise.
+    seen : ndarray of bool, shape (W,)
+        Whether a frame saw the column, likewise.
+    seam : int
+        The panorama's own column at the pair's seam.
+    shift : ndarray of float64, shape (candidates,)
+        Candidate k of the left column x is at column x + shift[k].
+    row_scale, principal_rows : ndarray of float64, shape (candidates,); tuple of float
+        Row v of the left panorama is at principal_rows[1] − (principal_rows[0] − v)·row_scale[k].
+    baseline : float
+        Distance from the left panorama's rays, as a share of the pair's.
+    """
+
+    image: Bytes
+    grey: Bytes
+    seen: npt.NDArray[np.bool_]
+    seam: int
+    shift: Array
+    row_scale: Array
+    principal_rows: tuple[float, float]
+    baseline: float
+
+    def rows(self, row: npt.NDArray[np.intp], candidate: npt.NDArray[np.intp]) -> Array:
+        """Where rows of the left panorama are for these candidates; broadcasts."""
+        left, here = self.principal_rows
+        return np.asarray(here - (left - row) * self.row_scale[candidate])
+
+
+def check_further(left: PanoramaGeometry, further: Sequence[Panorama]) -> None:
+    """
+    Check that panoramas can be of one sweep with the left one and tell something.
+
+    Raises
+    ------
+    ValueError
+        If one cannot; names it.
+    """
+    for number, panorama in enumerate(further):
+        name, other = f'further[{number}]', panorama.geometry
+        if (other.rows, other.columns) != (left.rows, left.columns):
+            raise ValueError(
+                f'{name} has {other.columns} × {other.rows} pixels; '
+                f'allowed: {left.columns} × {left.rows}, as the pair'
+            )
+        if abs(other.arm_radius / left.arm_radius - 1) > RADIUS_TOLERANCE:
+            raise ValueError(
+                f'{name} has arm radius {other.arm_radius} m; '
+                f'allowed: {left.arm_radius} m, as the pair'
+            )
+        if abs(_baseline(left, other)) < LEAST_BASELINE:
+            raise ValueError(
+                f'{name} has principal angle {other.principal_angle} rad, as the left panorama; '
+                'allowed: another one'
+            )
+        deviation = np.abs(other.ray_angle[other.seen] - other.principal_angle)
+        most = MOST_DEVIATION * other.column_step
+        if np.any(deviation > most):
+            raise ValueError(
+                f'{name} has ray angles up to {deviation.max():.3g} rad from its principal angle; '
+                f'allowed: {most:.3g} rad, {MOST_DEVIATION:g} column steps'
+            )
+
+
+def view_of(
+    panorama: Panorama,
+    left: PanoramaGeometry,
+    right: PanoramaGeometry,
+    disparity: Array,
+    seam: int,
+) -> View:
+    """
+    See a panorama from the left one of a symmetric pair.
+
+    Parameters
+    ----------
+    panorama : Panorama
+        Any of the sweep's, the pair's right one included.
+    left, right : PanoramaGeometry
+        The pair.
+    disparity : ndarray of float64, shape (candidates,)
+        Column disparity of each candidate, inside the pair's search range.
+    seam : int
+        The left panorama's column at which columns begin to count.
+    """
+    here = panorama.geometry
+    radius, step = left.arm_radius, left.column_step
+    delta = np.mod(_column_offset(left, right) - disparity, left.columns) * step
+    distance = radius * math.sin(right.principal_angle) / np.sin(delta / 2)  # eq. 2
+    shift = _column_offset(left, here) - (_lead(here, distance) - _lead(left, distance)) / step
+    scale = _depth(left, distance) * here.focal_length_px
+    scale /= _depth(here, distance) * left.focal_length_px
+    return View(
+        image=panorama.image,
+        grey=_grey(panorama.image, here.seen),
+        seen=here.seen,
+        seam=seam,
+        shift=shift,
+        row_scale=scale,
+        principal_rows=(left.principal_row, here.principal_row),
+        baseline=_baseline(left, here),
+    )
+
+
+def equalised_view(view: View, rough: RoughMatch | None, first: int) -> View:
+    """Give a view the brightness of the right eye, judged by the pair's rough match."""
+    if rough is None:
+        return view
+    image = small(np.roll(view.image, -view.seam, axis=1))
+    candidate = np.clip(ROUGH_SCALE * rough.disparity - first, 0, view.shift.size - 1)
+    ratio = view.seen.size / image.shape[1]
+    rows = view.rows(ROUGH_SCALE * rough.y, candidate) / ROUGH_SCALE
+    rows = np.clip(np.rint(rows), 0, image.shape[0] - 1).astype(np.intp)
+    columns = np.rint(rough.x + view.shift[candidate] / ratio).astype(np.intp) % image.shape[1]
+    seen = small_seen(np.roll(view.seen, -view.seam))[columns]
+    found = image[rows[seen], columns[seen]]
+    found = found.T if image.ndim == 3 else np.stack([found] * 3)
+    tables = level_tables(found, rough.right[:, seen])
+    if tables is None:
+        return view
+    if view.image.ndim == 2:
+        image = tables[0][view.image]
+    else:
+        image = np.stack([t[view.image[..., c]] for c, t in enumerate(tables)], axis=2)
+    return replace(view, image=image, grey=_grey(image, view.seen))
+
+
+def _grey(image: Bytes, seen: npt.NDArray[np.bool_]) -> Bytes:
+    """Grey levels, interpolated across columns that were not seen."""
+    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    return bridged(np.asarray(grey, np.uint8), seen)
+
+
+def _baseline(left: PanoramaGeometry, other: PanoramaGeometry) -> float:
+    sine = math.sin(left.principal_angle)
+    return (math.sin(other.principal_angle) - sine) / (-2 * sine)
+
+
+def _column_offset(left: PanoramaGeometry, other: PanoramaGeometry) -> float:
+    """Column of an azimuth in ``other`` minus that in ``left``, the smallest."""
+    offset = other.azimuth_column - left.azimuth_column
+    return offset - left.columns * math.floor(offset / left.columns + 0.5)
+
+
+def _lead(eye: PanoramaGeometry, distance: Array) -> Array:
+    """By how much a ray's azimuth exceeds that of the point it meets at a radial distance."""
+    return np.asarray(np.arcsin(eye.arm_radius * math.sin(eye.principal_angle) / distance))
+
+
+def _depth(eye: PanoramaGeometry, distance: Array) -> Array:
+    """Horizontal distance from the camera of a point at a radial distance."""
+    circle = eye.arm_radius * math.sin(eye.principal_angle)
+    along = np.sqrt(distance**2 - circle**2)
+    return np.asarray(along - eye.arm_radius * math.cos(eye.principal_angle))
