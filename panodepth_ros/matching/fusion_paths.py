@@ -1,4 +1,8 @@
-"""Semi-global aggregation of a tile whose costs are all there: ``semiglobal_paths`` says how."""
+"""
+Semi-global aggregation of a tile whose costs are all there.
+
+The recursion of ``semiglobal_paths``, written as plain loops.
+"""
 
 from __future__ import annotations
 
