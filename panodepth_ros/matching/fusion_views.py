@@ -127,7 +127,10 @@ def view_of(
     """
     here = panorama.geometry
     radius, step = left.arm_radius, left.column_step
-    delta = np.mod(_column_offset(left, right) - disparity, left.columns) * step
+    half, widest = left.columns / 2, 2 * right.principal_angle
+    delta = (np.mod(_column_offset(left, right) - disparity + half, left.columns) - half) * step
+    # Stripes are searched beyond both ends, where there is no distance: that of the end is near.
+    delta = np.clip(delta, 1e-6 * widest, (1 - 1e-6) * widest)
     distance = radius * math.sin(right.principal_angle) / np.sin(delta / 2)  # eq. 2
     shift = _column_offset(left, here) - (_lead(here, distance) - _lead(left, distance)) / step
     scale = _depth(left, distance) * here.focal_length_px
