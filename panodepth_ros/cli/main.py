@@ -16,6 +16,7 @@ COMMANDS = {
     'replay': 'Publish the messages of a bag.',
     'report': 'Write a sweep as one HTML page, from a bag or a folder of the demo.',
     'watch': 'Show the running sweep on a page in the browser.',
+    'calibrate': 'Estimate the camera and its mounting from the bag of a sweep, without a target.',
 }
 """Subcommand to its help; each is a module here with ``add_arguments`` and ``run``."""
 

@@ -116,20 +116,31 @@ class PinholeCamera:
         -------
         (ndarray, ndarray) of float64
             u and v [px], of the broadcast shape; NaN for rays from behind the camera.
-
-        Notes
-        -----
-        With ψ and slope turned into the camera's frame: ideal coordinates x = −tan ψ,
-        y = −slope/cos ψ, then the lens model and K.
         """
         ray_angle, slope = np.broadcast_arrays(
             np.asarray(ray_angle, np.float64), np.asarray(slope, np.float64)
         )
+        return self.project_direction(np.stack([np.cos(ray_angle), np.sin(ray_angle), slope]))
+
+    def project_direction(self, direction: Array) -> tuple[Array, Array]:
+        """
+        Pixel at which the ray of a direction arrives, see :meth:`project`.
+
+        Parameters
+        ----------
+        direction : ndarray of float64, shape (3, …)
+            Along the arm, to its left, and up; of any length.
+
+        Notes
+        -----
+        In the camera's frame: ideal coordinates x = −left/forward, y = −up/forward, then the
+        lens model and K.
+        """
         if not self.mounting.aligned:
-            ray_angle, slope = self.mounting.to_camera(ray_angle, slope)
-        ahead = np.where(np.abs(ray_angle) < np.pi / 2, np.cos(ray_angle), np.nan)
-        x, y = -np.sin(ray_angle) / ahead, -slope / ahead
-        return self._imaged(x, y)
+            direction = self.mounting.to_camera(direction)
+        forward, left, up = direction
+        ahead = np.where(forward > 0, forward, np.nan)
+        return self._imaged(-left / ahead, -up / ahead)
 
     def rays(self, u: npt.ArrayLike, v: npt.ArrayLike) -> tuple[Array, Array]:
         """
@@ -164,8 +175,8 @@ class PinholeCamera:
                     f'camera distortion {self.distortion} leaves pixels without a ray; '
                     'allowed: a lens model that holds in the whole image'
                 )
-        ray_angle = -np.arctan(x)
-        return self.mounting.to_arm(ray_angle, -y * np.cos(ray_angle))
+        forward, left, up = self.mounting.to_arm(np.stack([np.ones_like(x), -x, -y]))
+        return np.arctan2(left, forward), up / np.hypot(forward, left)
 
     def _imaged(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Lens model and K: ideal coordinates, right and down, to pixels."""

@@ -67,32 +67,14 @@ class Mounting:
         roll = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
         return np.asarray(yaw @ tilt @ roll)
 
-    def to_camera(self, ray_angle: Array, slope: Array) -> tuple[Array, Array]:
-        """
-        Turn rays of the arm into rays of the camera.
+    def to_camera(self, direction: Array) -> Array:
+        """Turn directions, shape (3, …), axes forward, left, up, from the arm to the camera."""
+        return np.asarray(np.tensordot(self.rotation.T, direction, axes=1))
 
-        Parameters
-        ----------
-        ray_angle, slope : ndarray of float64
-            ψ [rad] and z/d in the arm's plane of rotation; of one shape.
-
-        Returns
-        -------
-        (ndarray, ndarray) of float64
-            The same in the plane of the camera's own rows.
-        """
-        return _turned(self.rotation.T, ray_angle, slope)
-
-    def to_arm(self, ray_angle: Array, slope: Array) -> tuple[Array, Array]:
-        """Turn rays of the camera into rays of the arm, the inverse of :meth:`to_camera`."""
-        return _turned(self.rotation, ray_angle, slope)
+    def to_arm(self, direction: Array) -> Array:
+        """Turn directions from the camera to the arm, the inverse of :meth:`to_camera`."""
+        return np.asarray(np.tensordot(self.rotation, direction, axes=1))
 
 
 #: Optical axis radial, rows in the plane of rotation.
 ALIGNED = Mounting()
-
-
-def _turned(rotation: Array, ray_angle: Array, slope: Array) -> tuple[Array, Array]:
-    ray = np.stack([np.cos(ray_angle), np.sin(ray_angle), slope])
-    forward, left, up = np.tensordot(rotation, ray, axes=1)
-    return np.arctan2(left, forward), up / np.hypot(forward, left)

@@ -8,6 +8,7 @@ good frame of every standstill to the sweep, and counts what it drops by reason.
 from __future__ import annotations
 
 from collections import Counter, deque
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -43,6 +44,9 @@ class Assembler:
         The sweep under construction.
     camera : PinholeCamera or None
         The calibration in use.
+    taken : callable
+        Called with each frame that a sweep has taken and its arm azimuth; does nothing unless
+        replaced.
     """
 
     def __init__(self, rig: Rig, track: ArmTrack, settle_time: int) -> None:
@@ -56,6 +60,7 @@ class Assembler:
         self._newest_frame: int | None = None
         self._served: int | None = None
         self._not_before = 0
+        self.taken: Callable[[npt.NDArray[np.uint8], float], None] = lambda *_: None
 
     def set_camera(self, camera: PinholeCamera) -> list[Sweep]:
         """
@@ -174,6 +179,7 @@ class Assembler:
             return finished
         self._served = standstill.start
         self.sweep = sweep
+        self.taken(image, standstill.azimuth)
         # A sweep ends at its last column, also if frames were lost on the way.
         if sweep.complete or sweep.columns_left(standstill.azimuth) == 0:
             finished.append(sweep)

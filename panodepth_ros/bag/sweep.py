@@ -1,0 +1,129 @@
+"""The frames of a sweep out of a bag, each with the arm azimuth it was taken at."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from panodepth_ros.bag.storage import BagError, read
+from panodepth_ros.geometry import PinholeCamera
+from panodepth_ros.mosaic import ArmTrack, Assembler, Rig
+from panodepth_ros.ros.images import to_bgr_or_mono
+
+#: As the mosaicer's defaults.
+_TOLERANCE, _LONGEST_GAP = math.radians(0.002), 1_000_000_000
+#: Any rig tells when the arm has gone round; its columns are not used.
+_RIG = Rig(arm_radius=1.0, column_offset=0.0, columns=1800, sweep_columns=1800)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RecordedSweep:
+    """
+    Frames of one sweep.
+
+    Attributes
+    ----------
+    frames : list of ndarray of uint8, shape (H, W)
+        Grey.
+    arm_azimuth : ndarray of float64, shape (N,)
+        γ of each [rad], not wrapped.
+    camera : PinholeCamera
+        As camera_info says, or with the given view angle.
+    """
+
+    frames: list[npt.NDArray[np.uint8]]
+    arm_azimuth: npt.NDArray[np.float64]
+    camera: PinholeCamera
+
+
+def read_sweep(
+    path: Path,
+    *,
+    joint_name: str,
+    image: str = '/image_raw',
+    camera_info: str = '/camera_info',
+    joint_states: str = '/joint_states',
+    view_angle: float | None = None,
+) -> RecordedSweep:
+    """
+    Read the first sweep of a bag, up to a full turn.
+
+    Parameters
+    ----------
+    path : Path
+        The bag.
+    joint_name : str
+        The arm's joint.
+    image, camera_info, joint_states : str
+        Topics.
+    view_angle : float, optional
+        Rough horizontal view angle [rad] in place of the calibration in camera_info.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read, or holds no frame of a standing arm.
+    ValueError
+        If the camera is uncalibrated and no view angle is given.
+    """
+    camera = _camera(path, camera_info, view_angle)
+    assembler = Assembler(_RIG, ArmTrack(_TOLERANCE, _LONGEST_GAP), 0)
+    assembler.set_camera(camera)
+    frames: list[npt.NDArray[np.uint8]] = []
+    azimuths: list[float] = []
+
+    def take(frame: npt.NDArray[np.uint8], azimuth: float) -> None:
+        frames.append(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) if frame.ndim == 3 else frame)
+        azimuths.append(azimuth)
+
+    assembler.taken = take
+    for topic, _, message in read(path, [image, joint_states]):
+        stamp = int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
+        if topic == image:
+            finished = assembler.add_frame(stamp, to_bgr_or_mono(message))
+        elif joint_name in message.name:
+            index = list(message.name).index(joint_name)
+            velocity = float(message.velocity[index]) if len(message.velocity) > index else None
+            position = float(message.position[index])
+            finished = assembler.add_joint_state(stamp, position, velocity)
+        else:
+            continue
+        if finished:
+            break
+    if not frames:
+        reasons = '; '.join(f'{count} × {reason}' for reason, count in assembler.drops.items())
+        raise BagError(
+            f'bag {path} holds no frame of a standing arm, joint {joint_name}'
+            f'{": " + reasons if reasons else ""}'
+        )
+    return RecordedSweep(frames, np.array(azimuths), camera)
+
+
+def _camera(path: Path, topic: str, view_angle: float | None) -> PinholeCamera:
+    info: Any = next(message for _, _, message in read(path, [topic]))
+    if view_angle is None:
+        return PinholeCamera(
+            width=int(info.width),
+            height=int(info.height),
+            fx=float(info.k[0]),
+            fy=float(info.k[4]),
+            cx=float(info.k[2]),
+            cy=float(info.k[5]),
+            distortion_model=info.distortion_model or 'plumb_bob',
+            distortion=tuple(float(value) for value in info.d),
+        )
+    focal_length = 0.5 * int(info.width) / math.tan(0.5 * view_angle)
+    return PinholeCamera(
+        width=int(info.width),
+        height=int(info.height),
+        fx=focal_length,
+        fy=focal_length,
+        cx=0.5 * (int(info.width) - 1),
+        cy=0.5 * (int(info.height) - 1),
+    )
