@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CORE = (
     *('geometry', 'mosaic', 'matching', 'scan', 'views', 'evaluation', 'uncertainty'),
     *('scan_check', 'frame_motion', 'standstill', 'analysis', 'capture_time', 'ply'),
+    'calibration',
 )
 
 #: rosdep keys, each looked up in rosdistro's rosdep/*.yaml or a package of the distribution.
