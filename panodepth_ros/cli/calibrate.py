@@ -57,7 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--view-angle',
         action='store_true',
-        help="only the focal length: the paper's eq. 1, and with the parallax modelled",
+        help="show the view angle by the paper's eq. 1, too, beside that with the parallax "
+        'modelled; nothing is given of the focal length then',
     )
     parser.add_argument(
         '--focal-length-sd',
@@ -84,9 +85,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Calibrate and print; return the exit code."""
     rough = arguments.field_of_view
-    given = Given(focal_length=math.inf if rough else arguments.focal_length_sd / 100)
-    if arguments.view_angle:
-        given = Given(focal_length=math.inf, principal_point=0.0, mounting=0.0, k1=0.0)
+    sweep_alone = rough or arguments.view_angle
+    given = Given(focal_length=math.inf if sweep_alone else arguments.focal_length_sd / 100)
     try:
         sweep = read_sweep(
             arguments.bag,
