@@ -113,9 +113,16 @@ def main() -> None:
         '--given',
         type=float,
         nargs='+',
-        default=[0.0, 0.2, math.inf],
+        default=[0.0, 0.1, 0.2, math.inf],
         metavar='%',
         help='how well fx is given; inf begins 2 %% off',
+    )
+    parser.add_argument(
+        '--centre',
+        type=float,
+        default=0.2,
+        metavar='%',
+        help="how well the principal point is given, of the image's width",
     )
     arguments = parser.parse_args()
     for seed in arguments.seeds:
@@ -146,8 +153,9 @@ def main() -> None:
             if not math.isfinite(percent):
                 name = 'self-calibrated, fx given 2 % wrong and not trusted'
             began = time.monotonic()
+            given = Given(focal_length=deviation, principal_point=arguments.centre / 100)
             start = replace(CAMERA, fx=scale * CAMERA.fx, fy=scale * CAMERA.fy, mounting=ALIGNED)
-            found = self_calibrate(turned, AZIMUTH, start, Given(focal_length=deviation))
+            found = self_calibrate(turned, AZIMUTH, start, given)
             add(name, turned, found.camera, TURNED)
             took = time.monotonic() - began
             print(f'room {seed}, {name}: {len(found.tracks)} points, {took:.0f} s with matching')

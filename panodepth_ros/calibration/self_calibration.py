@@ -50,8 +50,8 @@ class Given:
         First coefficient of the distortion; the others are held.
     """
 
-    focal_length: float = 0.002
-    principal_point: float = 0.01
+    focal_length: float = 0.001
+    principal_point: float = 0.002
     mounting: float = math.inf
     k1: float = math.inf
 

@@ -19,6 +19,8 @@ from panodepth_ros.calibration import (
 )
 from panodepth_ros.camera.calibration import Calibration, write_calibration
 
+#: How well the principal point is known by a calibration, and as the image centre [widths].
+_KNOWN_CENTRE, _UNKNOWN_CENTRE = 0.002, 0.01
 #: Unknown to its name for people, unit, and factor from the core's unit.
 _SHOWN = {
     'focal_length': ('fx', 'px', 1.0),
@@ -63,9 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--focal-length-sd',
         type=_number(0.0, math.inf, ' %'),
-        default=0.2,
+        default=0.1,
         metavar='%',
-        help="how well camera_info's focal length is known (0.2); 0 holds it, inf trusts the "
+        help="how well camera_info's focal length is known (0.1); 0 holds it, inf trusts the "
         'sweep alone',
     )
     parser.add_argument(
@@ -86,7 +88,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Calibrate and print; return the exit code."""
     rough = arguments.field_of_view
     sweep_alone = rough or arguments.view_angle
-    given = Given(focal_length=math.inf if sweep_alone else arguments.focal_length_sd / 100)
+    given = Given(
+        focal_length=math.inf if sweep_alone else arguments.focal_length_sd / 100,
+        principal_point=_UNKNOWN_CENTRE if rough else _KNOWN_CENTRE,
+    )
     try:
         sweep = read_sweep(
             arguments.bag,
