@@ -204,6 +204,14 @@ class Sweep:
         self._deviation = np.full(rig.columns, np.inf)
         self.start: int | None = None
         self.end: int | None = None
+        self._last_azimuth = first_azimuth
+
+    @property
+    def velocity(self) -> float:
+        """Mean velocity of the arm [rad/s]; 0 before the second frame."""
+        if self.start is None or self.end is None or self.end == self.start:
+            return 0.0
+        return (self._last_azimuth - self._first_azimuth) * 1e9 / (self.end - self.start)
 
     @property
     def seen(self) -> npt.NDArray[np.bool_]:
@@ -268,6 +276,7 @@ class Sweep:
         if filled:
             self.start = stamp if self.start is None else self.start
             self.end = stamp
+            self._last_azimuth = arm_azimuth
         return filled
 
     def _fill(self, x: int, deviation: float, image: npt.NDArray[np.uint8]) -> bool:

@@ -1,0 +1,83 @@
+"""
+Sweeps of an arm that turns steadily while the camera runs at its own rate.
+
+Every frame is placed by the arm's azimuth at the middle of its exposure and fills the columns
+within its stripe; of two frames the nearer one wins a column (``sweep``).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from panodepth_ros.mosaic.arm_motion import ArmMotion, Turning
+from panodepth_ros.mosaic.builder import SweepBuilder
+from panodepth_ros.mosaic.sweep import Rig, Sweep
+
+#: An arm slower than this counts as standing: its frames show nothing new [columns/s].
+SLOWEST = 1.0
+#: A sweep that ends early, for the arm turned back, is worth publishing from this share on.
+LEAST_SHARE = 0.5
+
+
+class ContinuousAssembler(SweepBuilder[ArmMotion]):
+    """
+    Builds sweep after sweep while the arm turns.
+
+    A sweep begins with the first frame of a turning arm and ends when the arm has travelled the
+    sweep's columns, or turns back; the next one begins with the frame that ended it.
+
+    Parameters
+    ----------
+    rig : Rig
+        Arm and columns; may be replaced between sweeps by assigning ``rig``.
+    motion : ArmMotion
+        Fresh arm motion.
+    image_delay : int
+        From the stamp of a frame to the middle of its exposure, by the arm's clock [ns].
+
+    Attributes
+    ----------
+    image_delay : int
+        May be replaced at any time; frames that wait for joint states have the new one.
+    """
+
+    def __init__(self, rig: Rig, motion: ArmMotion, image_delay: int) -> None:
+        super().__init__(rig, motion)
+        self.image_delay = image_delay
+        self._direction = 0.0
+
+    def _moment(self, stamp: int) -> int:
+        return stamp + self.image_delay
+
+    def _use(self, stamp: int, image: npt.NDArray[np.uint8], place: Turning) -> list[Sweep]:
+        """Give every frame of the turning arm to the sweep."""
+        if stamp < self._not_before or abs(place.velocity) < SLOWEST * self.rig.column_step:
+            return []
+        direction = math.copysign(1.0, place.velocity)
+        finished = self._end_before(place.azimuth, direction)
+        assert self.camera is not None  # frames are kept only with a camera
+        sweep = self.sweep or Sweep(self.rig, self.camera, place.azimuth)
+        try:
+            sweep.add(stamp, image, place.azimuth)
+        except ValueError as error:
+            self.drops[str(error)] += 1
+            return finished
+        self.sweep, self._direction = sweep, direction
+        return finished
+
+    def _end_before(self, azimuth: float, direction: float) -> list[Sweep]:
+        """End the sweep under construction if this frame is not its own any more."""
+        sweep = self.sweep
+        if sweep is None:
+            return []
+        turned_back = direction != self._direction
+        if not turned_back and sweep.columns_left(azimuth) >= 0:
+            return []
+        self.sweep = None
+        if sweep.progress < LEAST_SHARE:
+            self.drops[f'sweep: arm turned back before {LEAST_SHARE:.0%} of it'] += 1
+            return []
+        return [sweep]
