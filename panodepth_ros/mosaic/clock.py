@@ -100,6 +100,40 @@ def estimate_delay(
     return DelayEstimate(centre, 1.2533 * spread / np.sqrt(delays.size))
 
 
+class DelayCheck:
+    """Watches sweep after sweep for two to either side, and tells the delay they show."""
+
+    def __init__(self) -> None:
+        self._last: tuple[Panorama, float] | None = None
+
+    def add(self, center: Panorama, velocity: float) -> DelayEstimate | None:
+        """
+        Take the next sweep.
+
+        Parameters
+        ----------
+        center : Panorama
+            Of the sweep.
+        velocity : float
+            Mean velocity of the arm [rad/s], signed.
+
+        Returns
+        -------
+        DelayEstimate or None
+            None if the sweep before turned the same way, was of another size, or too little can
+            be seen. A pair of sweeps is used once, for a correction may come between two pairs.
+        """
+        last, self._last = self._last, (center, velocity)
+        if last is None or last[1] * velocity >= 0:
+            return None
+        try:
+            found = estimate_delay(last[0], center, (last[1], velocity))
+        except ValueError:
+            return None
+        self._last = None
+        return found
+
+
 def _grey(panorama: Panorama) -> Array:
     image = panorama.image
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image

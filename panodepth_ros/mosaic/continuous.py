@@ -37,16 +37,23 @@ class ContinuousAssembler(SweepBuilder[ArmMotion]):
         Fresh arm motion.
     image_delay : int
         From the stamp of a frame to the middle of its exposure, by the arm's clock [ns].
+    row_time : float
+        From the exposure of one row to that of the next [s], 0 for a global shutter.
 
     Attributes
     ----------
     image_delay : int
         May be replaced at any time; frames that wait for joint states have the new one.
+    row_time : float
+        Likewise.
     """
 
-    def __init__(self, rig: Rig, motion: ArmMotion, image_delay: int) -> None:
+    def __init__(
+        self, rig: Rig, motion: ArmMotion, image_delay: int = 0, row_time: float = 0.0
+    ) -> None:
         super().__init__(rig, motion)
         self.image_delay = image_delay
+        self.row_time = row_time
         self._direction = 0.0
 
     def _moment(self, stamp: int) -> int:
@@ -61,7 +68,8 @@ class ContinuousAssembler(SweepBuilder[ArmMotion]):
         assert self.camera is not None  # frames are kept only with a camera
         sweep = self.sweep or Sweep(self.rig, self.camera, place.azimuth)
         try:
-            sweep.add(stamp, image, place.azimuth)
+            row_turn = place.velocity * self.row_time
+            sweep.add(stamp, image, place.azimuth, row_turn=row_turn)
         except ValueError as error:
             self.drops[str(error)] += 1
             return finished
@@ -74,7 +82,7 @@ class ContinuousAssembler(SweepBuilder[ArmMotion]):
         if sweep is None:
             return []
         turned_back = direction != self._direction
-        if not turned_back and sweep.columns_left(azimuth) >= 0:
+        if not turned_back and sweep.travelled(azimuth) < self.rig.sweep_columns:
             return []
         self.sweep = None
         if sweep.progress < LEAST_SHARE:

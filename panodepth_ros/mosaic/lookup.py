@@ -107,7 +107,7 @@ class ColumnLookup:
         self._slope = slope
         self._table = lru_cache(maxsize=_TABLES)(self._positions)
 
-    def column(self, image: Image, ray_angle: float) -> Image | None:
+    def column(self, image: Image, ray_angle: float, row_turn: float = 0.0) -> Image | None:
         """
         Sample a frame along one ray angle.
 
@@ -116,7 +116,9 @@ class ColumnLookup:
         image : ndarray of uint8, shape (H, W) or (H, W, 3)
             The frame.
         ray_angle : float
-            ψ [rad].
+            ψ [rad], against the arm as it is when the middle row is exposed.
+        row_turn : float
+            How far the arm turns from the exposure of one row to that of the next [rad].
 
         Returns
         -------
@@ -124,7 +126,7 @@ class ColumnLookup:
             None if the ray leaves the image at its side. Pixels are copied where the rays meet
             their centres, and interpolated linearly elsewhere.
         """
-        table = self._table(ray_angle)
+        table = self._table(ray_angle, row_turn)
         if table is None:
             return None
         top, left, bottom, right, share_v, share_u, exact = table
@@ -137,9 +139,13 @@ class ColumnLookup:
         mixed = above * (1 - share_v) + below * share_v
         return np.asarray(np.rint(mixed), dtype=np.uint8)
 
-    def _positions(self, ray_angle: float) -> _Table | None:
+    def _positions(self, ray_angle: float, row_turn: float) -> _Table | None:
         height, width = self._camera.height, self._camera.width
         u, v = self._camera.project(ray_angle, self._slope)
+        if row_turn:
+            # A row that is exposed later sees the same azimuth at a smaller angle to the arm.
+            behind = ray_angle - row_turn * (v - 0.5 * (height - 1))
+            u, v = self._camera.project(behind, self._slope)
         if not (u.min() >= -_HALF_PIXEL and u.max() <= width - 1 + _HALF_PIXEL):
             return None
         u, v = np.clip(u, 0, width - 1), np.clip(v, 0, height - 1)

@@ -230,10 +230,21 @@ class Sweep:
 
     def columns_left(self, arm_azimuth: float) -> int:
         """How many columns the arm has to go to the sweep's last frame; negative beyond it."""
-        travelled = abs(arm_azimuth - self._first_azimuth) / self.rig.column_step
-        return (self.rig.sweep_frames - 1) * self.rig.stripe_columns - round(travelled)
+        last = (self.rig.sweep_frames - 1) * self.rig.stripe_columns
+        return last - round(self.travelled(arm_azimuth))
 
-    def add(self, stamp: int, image: npt.NDArray[np.uint8], arm_azimuth: float) -> int:
+    def travelled(self, arm_azimuth: float) -> float:
+        """How far the arm is from where the sweep began, to either side [columns]."""
+        return abs(arm_azimuth - self._first_azimuth) / self.rig.column_step
+
+    def add(
+        self,
+        stamp: int,
+        image: npt.NDArray[np.uint8],
+        arm_azimuth: float,
+        *,
+        row_turn: float = 0.0,
+    ) -> int:
         """
         Take the columns that one frame offers.
 
@@ -244,7 +255,10 @@ class Sweep:
         image : ndarray of uint8, shape (H, W) or (H, W, 3)
             The frame.
         arm_azimuth : float
-            γ [rad].
+            γ [rad], when the middle row was exposed.
+        row_turn : float
+            How far the arm turns from the exposure of one row to that of the next [rad], 0 for a
+            global shutter.
 
         Returns
         -------
@@ -272,14 +286,17 @@ class Sweep:
         own = rig.columns / 2 - (arm_azimuth - self._reference) / rig.column_step
         filled = 0
         for column in range(math.ceil(own - rig.reach), math.floor(own + rig.reach) + 1):
-            filled += self._fill(column % rig.columns, (own - column) * rig.column_step, image)
+            deviation = (own - column) * rig.column_step
+            filled += self._fill(column % rig.columns, deviation, image, row_turn)
         if filled:
             self.start = stamp if self.start is None else self.start
             self.end = stamp
             self._last_azimuth = arm_azimuth
         return filled
 
-    def _fill(self, x: int, deviation: float, image: npt.NDArray[np.uint8]) -> bool:
+    def _fill(
+        self, x: int, deviation: float, image: npt.NDArray[np.uint8], row_turn: float
+    ) -> bool:
         """Fill column x, which belongs to ``deviation`` beyond the frame's arm azimuth."""
         if abs(deviation) >= self._deviation[x]:
             return False
@@ -287,7 +304,7 @@ class Sweep:
         for name, view in self._views.items():
             principal_angle = view.principal_angle
             angle = snapped(self.rig.ray_angle(principal_angle, deviation), principal_angle)
-            column = view.lookup.column(image, angle)
+            column = view.lookup.column(image, angle, row_turn)
             if column is None:
                 return False
             samples[name] = (angle, column)

@@ -154,3 +154,25 @@ def test_delay_cannot_be_found_from_one_direction_or_a_blank_room():
     left = sweep.panoramas()['left']
     with pytest.raises(ValueError, match=r'principal_angle is -?0\.0 forward'):
         estimate_delay(panorama, left, (0.4, -0.4))
+
+
+@pytest.mark.parametrize('known', [True, False])
+def test_rows_exposed_one_after_the_other_are_put_upright(known):
+    row_time = 0.01  # 9 rows: the arm turns by 1.9 columns from the first to the last
+    built = assembler()
+    built.row_time = row_time if known else 0.0
+
+    def rolling(seconds):
+        rows = [frame(arm(seconds + (v - 4) * row_time))[v] for v in range(9)]
+        return np.stack(rows)
+
+    sweeps = []
+    for k in range(17 * 50):
+        sweeps += built.add_joint_state(k * 20 * MS, arm(k * 0.02), None)
+        sweeps += built.add_frame(k * 20 * MS + 10 * MS, rolling(k * 0.02 + 0.01))
+    (sweep,) = sweeps
+    panorama = sweep.panoramas()['right']
+    error = np.abs(panorama.image - scene(panorama.geometry.ray_azimuth(np.arange(COLUMNS))))
+    error = np.delete(error, COLUMNS // 2, axis=1)  # there the arm starts at once, in mid-frame
+    assert (error.max() < 3.0) == known
+    assert (error.max() > 10.0) == (not known)

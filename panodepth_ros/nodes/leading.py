@@ -1,0 +1,247 @@
+"""
+How the mosaicer leads a sweep: step by step, or by letting the arm turn.
+
+A leader asks the arm's services and watches that what it asked for comes about; the frames go
+their own way, through the assembler.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from panodepth_ros.mosaic import Assembler, ContinuousAssembler, Standstill
+from panodepth_ros.mosaic.builder import SweepBuilder
+from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
+from panodepth_ros.ros.diagnostics import OK, WARN
+
+
+#: A stamp after all others [ns].
+NEVER = 2**63
+
+
+class Leader(ABC):
+    """
+    Leads one sweep after the other, each from :meth:`begin` to :meth:`end`.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Owns the client and logs.
+    builder : SweepBuilder
+        Knows the arm and the frames.
+    settings : callable
+        The parameters in force.
+    give_up : callable
+        Called with a sentence when a sweep cannot go on.
+    """
+
+    kind: type
+    service: str
+
+    def __init__(
+        self,
+        node: Node,
+        builder: SweepBuilder[Any],
+        settings: Callable[[], MosaicerParameters],
+        give_up: Callable[[str], None],
+    ) -> None:
+        self._node = node
+        self._builder = builder
+        self._settings = settings
+        self._give_up = give_up
+        self._client = node.create_client(self.kind, self.service)
+        self._waiting_since = 0.0
+        self._answer: Any = None
+
+    @property
+    def missing_service(self) -> str:
+        """Name of the service that is not there, empty if it is."""
+        return '' if self._client.service_is_ready() else str(self._client.srv_name)
+
+    @property
+    def waited(self) -> float:
+        """How long the leader has waited for what comes next [s]."""
+        return time.monotonic() - self._waiting_since
+
+    @abstractmethod
+    def begin(self) -> str:
+        """Begin a sweep and describe it."""
+
+    @abstractmethod
+    def advance(self) -> None:
+        """Take the sweep as far as what has arrived allows."""
+
+    @abstractmethod
+    def waits_for(self) -> tuple[bytes, str]:
+        """Diagnostic level, and in words what the sweep does or waits for."""
+
+    def end(self) -> None:
+        """Let the arm be: the sweep is finished or given up."""
+        self._answer = None
+
+    def _ask(self, request: Any, refused: str) -> None:
+        """Call the service; a refusal gives the sweep up."""
+        self._waiting_since = time.monotonic()
+        answer = self._answer = self._client.call_async(request)
+
+        def done(future: Any) -> None:
+            if self._answer is not answer:
+                return  # of a sweep that has ended meanwhile
+            self._answer = None
+            self._waiting_since = time.monotonic()
+            result = future.result()
+            if result.success:
+                self.advance()
+            else:
+                self._give_up(f'{refused}: {result.message}')
+
+        answer.add_done_callback(done)
+
+    def _complain(self, what: str) -> None:
+        drops = self._builder.drops.most_common(1)
+        most = f'; most frequent: {drops[0][1]} × {drops[0][0]}' if drops else ''
+        self._node.get_logger().error(
+            f'no frame for {self.waited:.1f} s: the sweep waits at {what}{most}',
+            throttle_duration_sec=self._settings().frame_timeout,
+        )
+
+
+class StepLeader(Leader):
+    """Steps the arm on, frame by frame."""
+
+    kind = Trigger
+    service = 'arm_driver/step'
+
+    def __init__(
+        self,
+        node: Node,
+        builder: Assembler,
+        settings: Callable[[], MosaicerParameters],
+        give_up: Callable[[str], None],
+    ) -> None:
+        super().__init__(node, builder, settings, give_up)
+        self._assembler = builder
+        self._steps = 0
+        self._azimuth = math.nan
+        self._after = 0
+
+    def begin(self) -> str:
+        """See :meth:`Leader.begin`."""
+        self._steps = 0
+        self._azimuth = self._assembler.track.position
+        self._step()
+        rig = self._assembler.rig
+        return f'sweep of {rig.sweep_columns} columns in {rig.sweep_frames} frames started'
+
+    def advance(self) -> None:
+        """See :meth:`Leader.advance`."""
+        settings, frames = self._settings(), self._assembler.rig.sweep_frames
+        standstill = self._assembler.track.current
+        if standstill is None or self._moving(standstill):
+            if self.waited > settings.step_timeout:
+                self._give_up(
+                    f'the arm did not take a step and report standing still within '
+                    f'{settings.step_timeout:g} s'
+                )
+        elif not self._took_one_stripe(standstill):
+            stripe, step = settings.stripe_columns, settings.column_step_deg
+            columns = f'{stripe} columns of {step:g}' if stripe > 1 else f'{step:g}'
+            moved = math.degrees(standstill.azimuth - self._azimuth)
+            self._give_up(
+                f'the arm moved {moved:.4f}° on a step; '
+                f"allowed: the arm's step_deg must be the mosaicer's {columns}°"
+            )
+        elif not self._assembler.has_frame_of(standstill):
+            if self.waited > settings.frame_timeout:
+                self._complain(f'frame {self._steps} of {frames}')
+        elif self._steps < frames:
+            self._azimuth = standstill.azimuth
+            self._step()
+
+    def waits_for(self) -> tuple[bytes, str]:
+        """See :meth:`Leader.waits_for`."""
+        settings, standstill = self._settings(), self._assembler.track.current
+        moving = standstill is None or self._moving(standstill)
+        patience = settings.step_timeout if moving else settings.frame_timeout
+        return (
+            WARN if self.waited > patience else OK,
+            f'frame {self._steps} of {self._assembler.rig.sweep_frames}: '
+            f'waiting for {"the arm" if moving else "a frame"} for {self.waited:.1f} s',
+        )
+
+    def _moving(self, standstill: Standstill) -> bool:
+        """Whether the arm still has to answer, or to be seen standing after its step."""
+        return self._answer is not None or standstill.start <= self._after
+
+    def _took_one_stripe(self, standstill: Standstill) -> bool:
+        rig = self._assembler.rig
+        columns = abs(standstill.azimuth - self._azimuth) / rig.column_step
+        return abs(columns - rig.stripe_columns) < 0.5
+
+    def _step(self) -> None:
+        self._steps += 1
+        self._after = self._assembler.track.newest or 0
+        self._ask(Trigger.Request(), 'the arm refused a step')
+
+
+class SpinLeader(Leader):
+    """Lets the arm turn until a sweep is done, or for good."""
+
+    kind = SetBool
+    service = 'arm_driver/spin'
+
+    def __init__(
+        self,
+        node: Node,
+        builder: ContinuousAssembler,
+        settings: Callable[[], MosaicerParameters],
+        give_up: Callable[[str], None],
+    ) -> None:
+        super().__init__(node, builder, settings, give_up)
+        self._seen = 0
+
+    def begin(self) -> str:
+        """See :meth:`Leader.begin`."""
+        self._seen = 0
+        self._ask(SetBool.Request(data=True), 'the arm refused to turn')
+        rig = self._builder.rig
+        return f'sweep of {rig.sweep_columns} columns started, the arm turns steadily'
+
+    def advance(self) -> None:
+        """See :meth:`Leader.advance`."""
+        settings, seen = self._settings(), self._columns_seen()
+        if seen != self._seen:
+            self._seen = seen
+            self._waiting_since = time.monotonic()
+        elif self._answer is not None and self.waited > settings.step_timeout:
+            self._give_up(f'the arm did not begin to turn within {settings.step_timeout:g} s')
+        elif self._answer is None and self.waited > settings.frame_timeout:
+            self._complain(f'column {seen} of {self._builder.rig.sweep_columns}')
+
+    def waits_for(self) -> tuple[bytes, str]:
+        """See :meth:`Leader.waits_for`."""
+        settings = self._settings()
+        patience = settings.step_timeout if self._answer is not None else settings.frame_timeout
+        what = 'the arm' if self._answer is not None else 'a frame'
+        return (
+            WARN if self.waited > patience else OK,
+            f'column {self._columns_seen()} of {self._builder.rig.sweep_columns}: '
+            f'waiting for {what} for {self.waited:.1f} s',
+        )
+
+    def end(self) -> None:
+        """See :meth:`Leader.end`; stops the arm and takes no frame of it any more."""
+        super().end()
+        self._builder.restart(NEVER)
+        if not self.missing_service:
+            self._client.call_async(SetBool.Request(data=False))
+
+    def _columns_seen(self) -> int:
+        return int(self._builder.sweep.seen.sum()) if self._builder.sweep is not None else 0
