@@ -21,7 +21,6 @@ from panodepth_ros.mosaic.builder import SweepBuilder
 from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
 from panodepth_ros.ros.diagnostics import OK, WARN
 
-
 #: A stamp after all others [ns].
 NEVER = 2**63
 

@@ -62,7 +62,7 @@ class Bench:
     def connected(self):
         return (
             all(client.service_is_ready() for client in self.clients.values())
-            and self.mosaicer._step_client.service_is_ready()
+            and not self.mosaicer._leader.missing_service
             and self.mosaicer.count_publishers('joint_states')
             and self.rig.count_subscribers('image_raw')
             and self.rig.count_subscribers('camera_info')
@@ -115,7 +115,7 @@ class Bench:
         return {topic: messages[count - 1] for topic, messages in self.got.items()}
 
     def given_up(self):
-        self.ros.spin_until(lambda: self.mosaicer._lead is None, 'the end of the sweep')
+        self.ros.spin_until(lambda: not self.mosaicer._leading, 'the end of the sweep')
         assert not any(self.got.values()), 'a sweep that was given up was published'
         self.ros.spin_until(
             lambda: self.progress and math.isnan(self.progress[-1]), 'NaN progress'
@@ -228,7 +228,7 @@ def test_diagnostics_say_what_the_sweep_waits_for(ros):
     assert diagnosis.says(DiagnosticStatus.OK, 'ready')['last_end'] == 'none yet'
     bench.rig.frames = False
     bench.start()
-    values = diagnosis.says(DiagnosticStatus.WARN, 'column 1 of 60: waiting for a frame for')
+    values = diagnosis.says(DiagnosticStatus.WARN, 'frame 1 of 60: waiting for a frame for')
     assert (values['columns'], values['sweep_columns']) == ('0', '60')
     assert bench.call('cancel').success
     diagnosis.told.clear()
@@ -510,7 +510,7 @@ def test_camera_that_stops_makes_the_sweep_wait_and_go_on(ros, capfd):
     bench.rig.frames = False
     bench.start()
     ros.spin_until(lambda: bench.rig.steps == 1, 'the first step')
-    waiting = bench.mosaicer._lead.waiting_since
+    waiting = bench.mosaicer._leader._waiting_since
     ros.spin_until(lambda: _time_since(waiting) > 0.5, 'the wait')
     assert bench.rig.steps == 1, 'the arm went on without a frame'
     said = capfd.readouterr().err
@@ -556,3 +556,72 @@ def test_frame_of_unknown_encoding_is_dropped(bench):
     bench.rig.move = move_and_show_an_unknown_encoding
     bench.start()
     assert 20 in to_array(bench.sweeps()['left/image'])[0, :, 0].tolist()
+
+
+# --- a steadily turning arm -------------------------------------------------------------------
+
+
+class TurningBench(Bench):
+    """A mosaicer of a turning arm."""
+
+    def __init__(self, ros, **values):
+        wide = {'stripe_columns': 2, 'column_offset_px': 10.0}
+        super().__init__(ros, motion='continuous', **wide, **values)
+        self.ready()
+
+    def turn(self, columns):
+        for _ in self.rig.turn(columns):
+            self.ros.spin_until(lambda: not self.rig_is_ahead(), 'the joint states')
+
+    def told(self, *spins):
+        self.ros.spin_until(lambda: self.rig.spins == list(spins), f'spin {spins}')
+
+
+def test_turning_arm_is_led_for_one_sweep_and_stopped(ros):
+    bench = TurningBench(ros)
+    bench.start()
+    bench.told(True)
+    bench.turn(COLUMNS + 2)
+    info = bench.sweeps()['left/camera_info']
+    geometry = panorama_geometry(info)
+    assert geometry.seen.all()
+    assert not geometry.uniform
+    bench.told(True, False)
+    bench.turn(COLUMNS)
+    assert bench.mosaicer._assembler.sweep is None, 'a braking arm begins no sweep'
+
+
+def test_free_running_makes_sweep_after_sweep_until_cancelled(ros):
+    bench = TurningBench(ros, free_running=True)
+    bench.start()
+    bench.told(True)
+    bench.turn(2 * COLUMNS + 3)
+    bench.sweeps(2)
+    bench.told(True)
+    assert bench.call('cancel').success
+    bench.told(True, False)
+
+
+def test_arm_that_refuses_to_turn_ends_the_sweep(ros, capfd):
+    bench = TurningBench(ros)
+    bench.rig.refuse_to_spin = 'the cable is at its limit'
+    bench.start()
+    bench.given_up()
+    assert 'the arm refused to turn: the cable is at its limit' in capfd.readouterr().err
+
+
+def test_turning_arm_without_frames_is_reported_and_goes_on(ros, capfd):
+    bench = TurningBench(ros, frame_timeout=0.1)
+    bench.start()
+    bench.told(True)
+    said = ''
+    while 'the sweep waits at column 0 of 60' not in said:
+        ros.executor.spin_once(timeout_sec=0.1)
+        said += capfd.readouterr().err
+    bench.turn(COLUMNS + 2)
+    assert panorama_geometry(bench.sweeps()['left/camera_info']).seen.all()
+
+
+def test_free_running_needs_a_turning_arm(ros):
+    with pytest.raises(ParameterError, match='free_running is true; allowed: with motion cont'):
+        Bench(ros, free_running=True)

@@ -52,7 +52,7 @@ class Bench:
             lambda: (
                 self.state() == 'waiting for a sweep'
                 and all(client.service_is_ready() for client in self.clients.values())
-                and self.mosaicer._step_client.service_is_ready()
+                and not self.mosaicer._leader.missing_service
                 and self.rig.count_subscribers('image_raw') == 2
                 and self.rig.count_subscribers('camera_info') == 2
                 and self.rig.count_subscribers('joint_states') == 2
