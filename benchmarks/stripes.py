@@ -27,7 +27,7 @@ from panodepth_ros.evaluation import (
     score_depth,
     score_scan,
 )
-from panodepth_ros.geometry import PanoramaGeometry, PinholeCamera, triangulate
+from panodepth_ros.geometry import Panorama, PanoramaGeometry, PinholeCamera, triangulate
 from panodepth_ros.matching import Correspondence, match, window_geometry
 from panodepth_ros.mosaic import Rig, Sweep
 from panodepth_ros.scan import ScanSettings, laser_ranges
@@ -82,7 +82,28 @@ def measure(room: Room, lens: RoomCamera, offset: float, stripe: int, distance: 
     eyes = sweep.panoramas()
     matched = match(eyes['left'], eyes['right'])
     exact = eyes['left'].geometry, eyes['right'].geometry
-    truths = [
+    truths = _truths(room, exact)
+    believed = (
+        exact,
+        (window_geometry(exact[0]), window_geometry(exact[1])),
+        (_of_one_angle(exact[0]), _of_one_angle(exact[1])),
+    )
+    scores = [_scores(matched, eyes, exact, truths) for eyes in believed]
+    depths, scans = zip(*scores, strict=True)
+    return Row(rig.sweep_frames, depths, scans)
+
+
+def panorama_scores(room: Room, eyes: dict[str, Panorama]) -> tuple[DepthScore, ScanScore]:
+    """Scores of panoramas of a room, triangulated as the depth node does."""
+    exact = eyes['left'].geometry, eyes['right'].geometry
+    matched = match(eyes['left'], eyes['right'])
+    believed = window_geometry(exact[0]), window_geometry(exact[1])
+    return _scores(matched, believed, exact, _truths(room, exact))
+
+
+def _truths(room: Room, exact: Eyes) -> list[TruthPanorama]:
+    """True distances along the rays of both panoramas."""
+    return [
         truth_panorama(
             room,
             arm_radius=ARM_RADIUS,
@@ -92,14 +113,6 @@ def measure(room: Room, lens: RoomCamera, offset: float, stripe: int, distance: 
         )
         for eye in exact
     ]
-    believed = (
-        exact,
-        (window_geometry(exact[0]), window_geometry(exact[1])),
-        (_of_one_angle(exact[0]), _of_one_angle(exact[1])),
-    )
-    scores = [_scores(matched, eyes, exact, truths) for eyes in believed]
-    depths, scans = zip(*scores, strict=True)
-    return Row(rig.sweep_frames, depths, scans)
 
 
 def _of_one_angle(geometry: PanoramaGeometry) -> PanoramaGeometry:

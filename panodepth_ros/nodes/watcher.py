@@ -17,8 +17,9 @@ from rclpy.parameter import parameter_value_to_python
 from sensor_msgs.msg import CameraInfo, Image, JointState, LaserScan
 from std_msgs.msg import Float32
 
-from panodepth_ros.mosaic import ArmTrack, Assembler, Sweep
-from panodepth_ros.nodes.mosaicer import MosaicerParameters
+from panodepth_ros.mosaic import Sweep
+from panodepth_ros.mosaic.builder import SweepBuilder
+from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.images import to_array, to_bgr_or_mono
 from panodepth_ros.ros.messages import pinhole_camera, to_nanoseconds
@@ -42,7 +43,7 @@ class Watcher(Node):
         self._resources = ExitStack()  # first: the context may destroy a half-built node
         super().__init__('watch', **node_args)
         self._lock = threading.Lock()
-        self._assembler: Assembler | None = None
+        self._assembler: SweepBuilder[Any] | None = None
         self._joint_name = ''
         self._last: Sweep | None = None
         self._state = 'waiting for the mosaicer'
@@ -168,14 +169,7 @@ class Watcher(Node):
             self._assembler.rig = parameters.rig()
             return
         self._state = 'waiting for a sweep'
-        self._assembler = Assembler(
-            parameters.rig(),
-            ArmTrack(
-                math.radians(parameters.standstill_tolerance_deg),
-                round(parameters.joint_state_gap * 1e9),
-            ),
-            round(parameters.settle_time * 1e9),
-        )
+        self._assembler = parameters.builder()
 
     def _on_progress(self, message: Float32) -> None:
         if self._assembler is None:

@@ -1,0 +1,184 @@
+"""Accuracy of the scan of a steadily turning arm; docs/continuous.md has a run."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.report import table
+from benchmarks.scenes import NOISE
+from benchmarks.stripes import ARM_RADIUS, COLUMNS, FIELD_OF_VIEW, measure, panorama_scores
+from panodepth_ros.camera.simulated import Room, RoomCamera, furnished_room
+from panodepth_ros.evaluation import DepthScore, ScanScore
+from panodepth_ros.geometry import PinholeCamera
+from panodepth_ros.mosaic import ArmMotion, ContinuousAssembler, Rig, Sweep
+from panodepth_ros.mosaic.clock import DelayEstimate, estimate_delay
+
+#: Joint states per second, and how far the arm goes beyond a turn [rad].
+JOINT_RATE, BEYOND = 50.0, 0.05
+#: Eyes this far from the centre, as a share of the width, leave room for the widest stripes.
+OFFSET_SHARE = 66 / 160
+#: Stripes join at this distance [m], and are this much wider than the way between two frames.
+STRIPE_DISTANCE, STRIPE_SHARE = 2.0, 1.25
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """
+    How the arm turns and the camera sees.
+
+    Attributes
+    ----------
+    turn_time : float
+        Of a full turn [s].
+    framerate : float
+        [Hz].
+    jitter : float
+        Standard deviation of the frames' stamps [s].
+    delay : float
+        How much later frames are exposed than their stamps say [s].
+    row_time : float
+        From the exposure of one row to that of the next [s].
+    known : bool
+        Whether the assembler knows delay and row time.
+    """
+
+    turn_time: float = 10.0
+    framerate: float = 30.0
+    jitter: float = 0.0
+    delay: float = 0.0
+    row_time: float = 0.0
+    known: bool = False
+
+    @property
+    def velocity(self) -> float:
+        """[rad/s]."""
+        return 2 * math.pi / self.turn_time
+
+    @property
+    def stripe(self) -> int:
+        """Columns of a stripe: a divisor of a turn's that covers the way between two frames."""
+        way = STRIPE_SHARE * COLUMNS / self.turn_time / self.framerate
+        return next(n for n in range(1, COLUMNS + 1) if COLUMNS % n == 0 and n >= way)
+
+
+def exposed(
+    room: Room, lens: RoomCamera, moment: float, case: Case, velocity: float
+) -> npt.NDArray[np.float32]:
+    """Frame whose middle row is exposed at a moment, without noise."""
+    if not case.row_time:
+        return room.render(velocity * moment, lens, ARM_RADIUS).astype(np.float32)
+    rows = []
+    for v in range(lens.height):
+        row = dataclasses.replace(lens, height=1, cy=lens.cy - v)
+        late = (v - 0.5 * (lens.height - 1)) * case.row_time
+        rows.append(room.render(velocity * (moment + late), row, ARM_RADIUS))
+    return np.concatenate(rows).astype(np.float32)
+
+
+def sweep(room: Room, lens: RoomCamera, offset: float, case: Case, direction: float) -> Sweep:
+    """One turn, from frames and joint states as a camera and an arm would publish them."""
+    rng = np.random.default_rng(1)
+    rig = Rig(
+        arm_radius=ARM_RADIUS,
+        column_offset=offset,
+        columns=COLUMNS,
+        sweep_columns=COLUMNS,
+        stripe_columns=case.stripe,
+        stripe_distance=STRIPE_DISTANCE if case.stripe > 1 else math.inf,
+    )
+    known = case if case.known else Case()
+    builder = ContinuousAssembler(
+        rig, ArmMotion(round(1e9)), round(known.delay * 1e9), known.row_time
+    )
+    builder.set_camera(PinholeCamera(**{n: getattr(lens, n) for n in RoomCamera.__slots__}))
+    velocity = direction * case.velocity
+    duration = case.turn_time * (1 + BEYOND)
+    events: list[tuple[float, float | None]] = [
+        (k / JOINT_RATE, None) for k in range(round(duration * JOINT_RATE) + 10)
+    ]
+    stamps = np.arange(0.1, duration, 1 / case.framerate)
+    events += [(float(stamp + rng.normal(0, case.jitter)), float(stamp)) for stamp in stamps]
+    begin = 10**12
+    for time, frame in sorted(events, key=lambda event: event[0]):
+        if frame is None:
+            done = builder.add_joint_state(begin + round(time * 1e9), velocity * time, None)
+        else:
+            image = exposed(room, lens, frame + case.delay, case, velocity)
+            image += rng.normal(0, NOISE, image.shape).astype(np.float32)
+            done = builder.add_frame(
+                begin + round(time * 1e9), np.clip(np.rint(image), 0, 255).astype(np.uint8)
+            )
+        if done:
+            return done[0]
+    raise RuntimeError('the turn was not finished')
+
+
+def both_ways(room: Room, lens: RoomCamera, offset: float, case: Case) -> DelayEstimate:
+    """Delay estimated from a turn to either side."""
+    turns = [sweep(room, lens, offset, case, direction) for direction in (1.0, -1.0)]
+    forward, backward = (turn.panoramas()['center'] for turn in turns)
+    return estimate_delay(forward, backward, (turns[0].velocity, turns[1].velocity))
+
+
+def line(name: str, frames: str, depth: DepthScore, scan: ScanScore) -> list[str]:
+    """One row of the table."""
+    shares = (scan.coverage, scan.within_5_percent, scan.too_far, scan.too_near)
+    return [
+        name,
+        frames,
+        f'{100 * depth.median_error:.2f}',
+        f'{100 * depth.wrong:.1f}',
+        *(f'{100 * share:.1f}' for share in shares),
+    ]
+
+
+def cases() -> dict[str, Case]:
+    """What is measured, by name."""
+    turns = {f'{t:g} s a turn': Case(turn_time=t) for t in (10.0, 20.0, 60.0)}
+    rates = {f'10 s, {f:g} Hz': Case(framerate=f) for f in (15.0, 60.0)}
+    jitters = {f'10 s, jitter {1e3 * j:g} ms': Case(jitter=j) for j in (0.001, 0.005)}
+    delays = {f'10 s, delay {1e3 * d:g} ms': Case(delay=d) for d in (0.01, 0.05)}
+    rolling = Case(row_time=2e-4)
+    shutters = {
+        '10 s, rows 0.2 ms apart, not told': rolling,
+        '10 s, rows 0.2 ms apart': dataclasses.replace(rolling, known=True),
+    }
+    return turns | rates | jitters | delays | shutters
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--width', type=int, default=160, help='of the frames, in pixels')
+    parser.add_argument('--seed', type=int, default=1, help='which room')
+    parser.add_argument('--only', help='cases whose name contains this')
+    chosen = parser.parse_args()
+    lens = RoomCamera.from_field_of_view(chosen.width, chosen.width * 3 // 4, FIELD_OF_VIEW)
+    offset = OFFSET_SHARE * chosen.width
+    room = furnished_room(chosen.seed)
+    stopped = measure(room, lens, offset, 1, math.inf)
+    rows = [line('stop and go', str(stopped.frames), stopped.depths[0], stopped.scans[0])]
+    for name, case in cases().items():
+        if chosen.only and chosen.only not in name:
+            continue
+        done = sweep(room, lens, offset, case, 1.0)
+        depth, scan = panorama_scores(room, done.panoramas())
+        rows.append(line(name, str(round(case.turn_time * case.framerate)), depth, scan))
+    head = ['', 'frames', 'median error %', 'wrong %', 'coverage %', 'within 5 %']
+    print(table([*head, 'too far %', 'too near %'], rows))
+    for delay in (0.01, 0.05):
+        found = both_ways(room, lens, offset, Case(delay=delay))
+        print(
+            f'\ndelay of {1e3 * delay:g} ms, from a turn to either side: '
+            f'{1e3 * found.delay:.2f} ms ± {1e3 * found.stddev:.2f} ms'
+        )
+
+
+if __name__ == '__main__':
+    main()
