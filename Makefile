@@ -4,6 +4,7 @@ PYTHON ?= python3
 DISTRO ?= jazzy
 VENV ?= .venv/$(DISTRO)
 OUTPUT ?= demo_output
+MODE ?= step
 
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
@@ -11,7 +12,7 @@ INSTALLED := $(VENV)/.installed
 .PHONY: demo test lint fuzz clean
 
 demo: $(INSTALLED)
-	@$(BIN)/panodepth_ros demo --output $(OUTPUT)
+	@$(BIN)/panodepth_ros demo --mode $(MODE) --output $(OUTPUT)
 
 test: $(INSTALLED)
 	@$(BIN)/python -m pytest $(PYTEST_ARGS)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
+
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from launch.actions import (
     DeclareLaunchArgument,
     ExecuteProcess,
     OpaqueFunction,
     RegisterEventHandler,
+    SetEnvironmentVariable,
     Shutdown,
 )
 from launch.event_handlers import OnProcessIO
@@ -17,6 +20,8 @@ from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
 
 PACKAGE = 'panodepth_ros'
 NODES = ('arm_driver', 'camera', 'mosaicer', 'depth')
+#: What Fast DDS of Jazzy, and of Kilted and later, reads its profile from.
+PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 #: Where config/simulated.yaml expects the simulated arm.
 LINK = '/tmp/panodepth_arm'
 
@@ -76,8 +81,14 @@ def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
 
 def generate_launch_description() -> LaunchDescription:
     """Return the launch description."""
+    profile = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', 'fastdds.xml'])
     return LaunchDescription(
         [
+            *(
+                SetEnvironmentVariable(name, profile)
+                for name in PROFILE_VARIABLES
+                if name not in os.environ
+            ),
             DeclareLaunchArgument(
                 'simulated',
                 default_value='true',

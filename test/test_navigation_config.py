@@ -8,7 +8,7 @@ import yaml
 from panodepth_ros.scan import ScanSettings
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
-OURS = {'simulated.yaml', 'real.yaml'}
+OURS = {'simulated.yaml', 'simulated_spin.yaml', 'real.yaml'}
 NAVIGATION = ('nav2_costmap.yaml', 'amcl.yaml', 'slam_toolbox.yaml')
 
 #: Parameters and their types as declared in the sources (navigation2 jazzy, slam_toolbox 2.7):

@@ -54,6 +54,10 @@ _RESULTS = {
     'depth/confidence': Image,
     'scan': LaserScan,
 }
+#: What Fast DDS of Jazzy, and of Kilted and later, reads its profile from.
+PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+#: How the arm turns, and the parameters of that.
+MODES = {'step': 'simulated.yaml', 'spin': 'simulated_spin.yaml'}
 _START_TIMEOUT = 60.0
 _STALL_TIMEOUT = 30.0
 
@@ -64,7 +68,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--params-file',
         type=Path,
         metavar='YAML',
-        help='parameters of the four nodes (default: those of config/simulated.yaml)',
+        help='parameters of the four nodes (default: those of config/ for the mode)',
+    )
+    parser.add_argument(
+        '--mode',
+        choices=tuple(MODES),
+        default='step',
+        help='an arm that stops for every column, or one that turns steadily (%(default)s)',
     )
     parser.add_argument(
         '--output', type=Path, default=Path('demo_output'), help='folder to write (%(default)s)'
@@ -73,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the demo; return the exit code."""
-    parameters = arguments.params_file or installed_config('simulated.yaml')
+    parameters = arguments.params_file or installed_config(MODES[arguments.mode])
     if not parameters.is_file():
         print(f'panodepth_ros demo: {parameters} is not a file', file=sys.stderr)
         return 1
@@ -88,6 +98,8 @@ def run(arguments: argparse.Namespace) -> int:
             os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
             os.environ['ROS_DOMAIN_ID'] = str(domain)
             os.environ['ROS_LOG_DIR'] = str(Path(scratch, 'ros_log'))
+            for name in PROFILE_VARIABLES:
+                os.environ.setdefault(name, str(installed_config('fastdds.xml')))
             sweep = _sweep(parameters.resolve(), output, Path(scratch))
         report(
             sweep.results,

@@ -7,6 +7,7 @@ import shlex
 import signal
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -138,6 +139,23 @@ def test_tutorial_of_replaying_works_as_written(ros, demo, tmp_path, monkeypatch
     assert codes == [0, 0, 0]
     scans = [message for topic, _, message in read(tmp_path / 'replayed') if topic == '/scan']
     assert [len(scan.ranges) for scan in scans] == [360]
+
+
+def test_shared_memory_of_the_shipped_profile_holds_a_sweep():
+    profile = ElementTree.parse(ROOT / 'config' / 'fastdds.xml').getroot()
+    (size,) = (int(element.text) for element in profile.iter() if 'segment_size' in element.tag)
+    colours, panoramas, columns, rows = 3, 3, 7000, 480
+    assert size >= colours * panoramas * columns * rows
+
+
+def test_demo_of_a_turning_arm_takes_ten_seconds_a_turn(tmp_path):
+    output = tmp_path / 'spin'
+    with started('panodepth_ros', 'demo', '--mode', 'spin', '--output', str(output)) as running:
+        assert running.wait(200) == 0
+    scan = json.loads((output / 'scan.json').read_text())
+    assert 9.0 < scan['scan_time'] < 11.0
+    assert scan['accuracy']['scan']['coverage'] > 0.9
+    assert scan['accuracy']['scan']['within_5_percent'] > 0.8
 
 
 def test_demo_without_a_parameter_file_says_so(tmp_path):

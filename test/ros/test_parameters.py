@@ -178,7 +178,7 @@ def test_readme_shows_the_tables_in_force(tool):
     assert tool['with_tables'](text) == text, 'run python tools/parameter_tables.py'
 
 
-@pytest.mark.parametrize('name', ['simulated.yaml', 'real.yaml'])
+@pytest.mark.parametrize('name', ['simulated.yaml', 'simulated_spin.yaml', 'real.yaml'])
 def test_shipped_parameter_files_fit_the_tables(tool, name):
     content = yaml.safe_load((ROOT / 'config' / name).read_text())
     nodes = {
