@@ -61,7 +61,10 @@ class ContinuousAssembler(SweepBuilder[ArmMotion]):
 
     def _use(self, stamp: int, image: npt.NDArray[np.uint8], place: Turning) -> list[Sweep]:
         """Give every frame of the turning arm to the sweep."""
-        if stamp < self._not_before or abs(place.velocity) < SLOWEST * self.rig.column_step:
+        if (
+            self._moment(stamp) < self._not_before
+            or abs(place.velocity) < SLOWEST * self.rig.column_step
+        ):
             return []
         direction = math.copysign(1.0, place.velocity)
         finished = self._end_before(place.azimuth, direction)
@@ -74,6 +77,7 @@ class ContinuousAssembler(SweepBuilder[ArmMotion]):
             self.drops[str(error)] += 1
             return finished
         self.sweep, self._direction = sweep, direction
+        self.taken(image, place.azimuth)
         return finished
 
     def _end_before(self, azimuth: float, direction: float) -> list[Sweep]:
@@ -82,7 +86,7 @@ class ContinuousAssembler(SweepBuilder[ArmMotion]):
         if sweep is None:
             return []
         turned_back = direction != self._direction
-        if not turned_back and sweep.travelled(azimuth) < self.rig.sweep_columns:
+        if not turned_back and sweep.travelled(azimuth) < sweep.rig.sweep_columns:
             return []
         self.sweep = None
         if sweep.progress < LEAST_SHARE:

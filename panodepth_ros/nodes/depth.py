@@ -251,7 +251,8 @@ class Depth(Node):
             except ValueError as error:
                 self._outcome = Report(ERROR, f'panoramas refused: {error}')
                 self.get_logger().error(f'panoramas refused, nothing is published: {error}')
-            self._republisher.pause(False)
+            finally:
+                self._republisher.pause(False)
 
     def _match(self, messages: dict[Any, Any], parameters: DepthParameters) -> None:
         start = time.monotonic()

@@ -24,6 +24,8 @@ from panodepth_ros.ros.messages import panorama_info, pinhole_camera, to_nanosec
 from panodepth_ros.ros.parameters import declare_parameters
 from panodepth_ros.ros.process import run_node
 
+#: What is longer, or less certain, is not taken for a delay between clocks [s].
+LONGEST_DELAY, LARGEST_DELAY_STDDEV = 0.2, 0.005
 _NO_CAMERA = 'no camera_info received yet'
 #: How often waiting is checked against its timeouts [s].
 _WATCH_PERIOD = 0.25
@@ -88,6 +90,7 @@ class Mosaicer(Node):
                 builder.image_delay = round(parameters.image_delay_ms * 1e6)
             builder.row_time = parameters.row_time_us * 1e-6
         builder.rig = parameters.rig()
+        self._delay_check = DelayCheck()
         self._settings = parameters
 
     # --- data ---------------------------------------------------------------------------------
@@ -140,6 +143,7 @@ class Mosaicer(Node):
         if response.message or newest is None:
             return response
         self._assembler.restart(newest + 1)
+        self._delay_check = DelayCheck()
         self._assembler.drops.clear()
         self._leading = True
         response.message = self._leader.begin()
@@ -189,6 +193,7 @@ class Mosaicer(Node):
             self._leader.end()
 
     def _give_up(self, reason: str) -> None:
+        self._delay_check = DelayCheck()
         self._assembler.restart((self._assembler.track.newest or 0) + 1)
         self._stop_leading()
         self._publish_progress(math.nan)
@@ -263,7 +268,10 @@ class Mosaicer(Node):
             f'image_delay_ms should be {in_use + found.delay * 1e3:.2f}, {in_use:.2f} is in use; '
             f'standard deviation {found.stddev * 1e3:.2f}'
         )
-        if self._settings.correct_delay:
+        total = in_use * 1e-3 + found.delay
+        if abs(total) > LONGEST_DELAY or found.stddev > LARGEST_DELAY_STDDEV:
+            self.get_logger().warning('that is no delay of clocks: it is not corrected')
+        elif self._settings.correct_delay:
             builder.image_delay += round(found.delay * 1e9)
 
     def _report_drops(self) -> None:

@@ -40,7 +40,7 @@ class Republisher:
         self._standstill = Standstill(limits)
         self._promised = promised
         self._last: Sequence[tuple[Any, Any]] = ()
-        self._paused = False
+        self._pauses = 0
         node.create_subscription(
             OdometryMessage, 'odom', self._on_odometry, qos_profile_sensor_data
         )
@@ -64,9 +64,9 @@ class Republisher:
             self._standstill.since(stamp.sec + 1e-9 * stamp.nanosec)
 
     def pause(self, paused: bool) -> None:
-        """Hold the timer back while a newer scan is made, whose stamp is older than now."""
+        """Hold the timer back while newer scans are made, whose stamps are older than now."""
         with self._lock:
-            self._paused = paused
+            self._pauses += 1 if paused else -1
 
     def _on_odometry(self, message: OdometryMessage) -> None:
         pose, twist, stamp = message.pose.pose, message.twist.twist, message.header.stamp
@@ -91,7 +91,7 @@ class Republisher:
 
     def _on_timer(self) -> None:
         with self._lock:
-            if self._last and not self._paused and not self._doubt():
+            if self._last and not self._pauses and not self._doubt():
                 self._publish()
 
     def _on_request(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

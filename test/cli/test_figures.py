@@ -9,6 +9,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+
+pytest.importorskip('rosbags', reason='bags need rosbags')
+
 from fixtures.bags import panorama_pair, write_joint_states, write_panoramas
 
 from panodepth_ros.cli.figures import nearer_is_lighter

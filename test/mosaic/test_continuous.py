@@ -7,7 +7,7 @@ import pytest
 
 from panodepth_ros.geometry import PinholeCamera
 from panodepth_ros.mosaic import ArmMotion, ContinuousAssembler, Rig
-from panodepth_ros.mosaic.clock import estimate_delay
+from panodepth_ros.mosaic.clock import DelayCheck, estimate_delay
 
 COLUMNS = 360
 STEP = 2 * math.pi / COLUMNS
@@ -131,6 +131,12 @@ def test_delay_is_found_from_turns_to_both_sides():
     found = estimate_delay(*panoramas, (forward.velocity, backward.velocity))
     assert found.delay == pytest.approx(late, abs=0.001)
     assert found.stddev < 0.001
+
+    check = DelayCheck()
+    assert check.add(panoramas[0], forward.velocity) is None
+    assert check.add(panoramas[0], forward.velocity) is None, 'the same way twice'
+    assert check.add(panoramas[1], backward.velocity) == found
+    assert check.add(panoramas[0], forward.velocity) is None, 'a pair was used twice'
 
     # With that delay the turns agree, and lie where the scene is.
     corrected = assembler(delay=found.delay)
