@@ -133,7 +133,7 @@ def test_tutorial_of_replaying_works_as_written(ros, demo, tmp_path, monkeypatch
             else:
                 with started(*words) as one:
                     assert one.wait(200) == 0
-        background[1].wait_for_output('beams hold a distance')
+        background[1].wait_for_output('beams hold a distance', 100)
     finally:
         codes = [program.stop() for program in background]
     assert codes == [0, 0, 0]
