@@ -127,21 +127,23 @@ class StepLeader(Leader):
     ) -> None:
         super().__init__(node, builder, settings, give_up)
         self._assembler = builder
+        self._rig = builder.rig
         self._steps = 0
         self._azimuth = math.nan
         self._after = 0
 
     def begin(self) -> str:
         """See :meth:`Leader.begin`."""
+        self._rig = self._assembler.rig  # a live parameter acts on the next sweep
         self._steps = 0
         self._azimuth = self._assembler.track.position
         self._step()
-        rig = self._assembler.rig
+        rig = self._rig
         return f'sweep of {rig.sweep_columns} columns in {rig.sweep_frames} frames started'
 
     def advance(self) -> None:
         """See :meth:`Leader.advance`."""
-        settings, frames = self._settings(), self._assembler.rig.sweep_frames
+        settings, frames = self._settings(), self._rig.sweep_frames
         standstill = self._assembler.track.current
         if standstill is None or self._moving(standstill):
             if self.waited > settings.step_timeout:
@@ -171,7 +173,7 @@ class StepLeader(Leader):
         patience = settings.step_timeout if moving else settings.frame_timeout
         return (
             WARN if self.waited > patience else OK,
-            f'frame {self._steps} of {self._assembler.rig.sweep_frames}: '
+            f'frame {self._steps} of {self._rig.sweep_frames}: '
             f'waiting for {"the arm" if moving else "a frame"} for {self.waited:.1f} s',
         )
 
