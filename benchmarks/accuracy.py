@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.scenes import Scene
-from panodepth_ros.evaluation import ScanScore, nearest_visible, score_scan
+from panodepth_ros.analysis.evaluation import ScanScore, nearest_visible, score_scan
 from panodepth_ros.geometry import triangulate
 from panodepth_ros.matching import Correspondence
-from panodepth_ros.scan import ScanSettings, laser_ranges
+from panodepth_ros.scan.beams import ScanSettings, laser_ranges
 
 Array = npt.NDArray[np.float64]
 

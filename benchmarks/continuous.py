@@ -13,8 +13,8 @@ import numpy.typing as npt
 from benchmarks.report import table
 from benchmarks.scenes import NOISE
 from benchmarks.stripes import ARM_RADIUS, COLUMNS, FIELD_OF_VIEW, measure, panorama_scores
+from panodepth_ros.analysis.evaluation import DepthScore, ScanScore
 from panodepth_ros.camera.simulated import Room, RoomCamera, furnished_room
-from panodepth_ros.evaluation import DepthScore, ScanScore
 from panodepth_ros.geometry import PinholeCamera
 from panodepth_ros.mosaic import ArmMotion, ContinuousAssembler, Rig, Sweep
 from panodepth_ros.mosaic.clock import DelayEstimate, estimate_delay

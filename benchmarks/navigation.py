@@ -20,8 +20,8 @@ from benchmarks import occupancy, report, scenes
 from panodepth_ros.camera.simulated import furnished_room
 from panodepth_ros.geometry import triangulate
 from panodepth_ros.matching import match, prepare
-from panodepth_ros.scan import ScanSettings, beam_confidence, laser_ranges
-from panodepth_ros.uncertainty import Uncertainty, range_stddev
+from panodepth_ros.scan.beams import ScanSettings, beam_confidence, laser_ranges
+from panodepth_ros.scan.uncertainty import Uncertainty, range_stddev
 
 Array = npt.NDArray[np.float64]
 

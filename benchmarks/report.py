@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from benchmarks.accuracy import Accuracy
-from panodepth_ros.evaluation import ScanScore
+from panodepth_ros.analysis.evaluation import ScanScore
 
 mpl.use('Agg')
 from matplotlib import pyplot as plt

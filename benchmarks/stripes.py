@@ -13,6 +13,13 @@ import numpy.typing as npt
 
 from benchmarks.report import table
 from benchmarks.scenes import NOISE
+from panodepth_ros.analysis.evaluation import (
+    DepthScore,
+    ScanScore,
+    nearest_visible,
+    score_depth,
+    score_scan,
+)
 from panodepth_ros.camera.simulated import (
     Room,
     RoomCamera,
@@ -20,17 +27,10 @@ from panodepth_ros.camera.simulated import (
     furnished_room,
     truth_panorama,
 )
-from panodepth_ros.evaluation import (
-    DepthScore,
-    ScanScore,
-    nearest_visible,
-    score_depth,
-    score_scan,
-)
 from panodepth_ros.geometry import Panorama, PanoramaGeometry, PinholeCamera, triangulate
 from panodepth_ros.matching import Correspondence, match, window_geometry
 from panodepth_ros.mosaic import Rig, Sweep
-from panodepth_ros.scan import ScanSettings, laser_ranges
+from panodepth_ros.scan.beams import ScanSettings, laser_ranges
 
 Eyes = tuple[PanoramaGeometry, PanoramaGeometry]
 

@@ -9,11 +9,23 @@ from xml.etree import ElementTree
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-CORE = (
-    *('geometry', 'mosaic', 'matching', 'scan', 'views', 'evaluation', 'uncertainty'),
-    *('scan_check', 'frame_motion', 'standstill', 'analysis', 'capture_time', 'ply'),
-    'calibration',
-)
+PACKAGE = ROOT / 'panodepth_ros'
+CORE = [
+    *sorted(
+        '.'.join(path.relative_to(PACKAGE).with_suffix('').parts)
+        for folder in (
+            'geometry',
+            'mosaic',
+            'matching',
+            'calibration',
+            'scan',
+            'motion',
+            'analysis',
+        )
+        for path in [PACKAGE / folder, *(PACKAGE / folder).glob('[a-z]*.py')]
+    ),
+    'export.ply',
+]
 
 #: rosdep keys, each looked up in rosdistro's rosdep/*.yaml or a package of the distribution.
 ROSDEP_KEYS = {

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import NamedTuple, NoReturn
 
-from panodepth_ros.turning import Reading, TurnEstimator
+from panodepth_ros.motion.turning import Reading, TurnEstimator
 
 from .dynamixel_bus import DynamixelBus
 from .errors import (

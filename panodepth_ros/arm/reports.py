@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from panodepth_ros.turning import Reading, TurnEstimator
+from panodepth_ros.motion.turning import Reading, TurnEstimator
 
 from . import grbl
 from .errors import ArmAlarmError, ArmProtocolError, ArmTimeoutError

@@ -10,8 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from panodepth_ros.analysis import RigNumbers
-from panodepth_ros.capture_time import Capture, Motor, continuous, stop_and_go, widest_stripe
+from panodepth_ros.analysis.capture_time import (
+    Capture,
+    Motor,
+    continuous,
+    stop_and_go,
+    widest_stripe,
+)
+from panodepth_ros.analysis.rig import RigNumbers
 from panodepth_ros.cli.plotting import PlottingError, plotting
 
 #: Distances whose error is told if none are asked for [m].
@@ -342,7 +348,7 @@ def _motor_steps(motor_steps: int, step: float) -> str:
 
 
 def _draw(rigs: list[RigNumbers], folder: Path) -> str:
-    plots = plotting('plots_of_paper')
+    plots = plotting('export.paper_figures')
     folder.mkdir(parents=True, exist_ok=True)
     curves = [plots.Curve(rig.radius, rig.principal_angle, rig.step) for rig in rigs]
     plots.save_depth_curves(curves, folder / 'figure_4.png')

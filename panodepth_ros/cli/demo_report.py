@@ -12,20 +12,20 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from panodepth_ros import plots
-from panodepth_ros.camera.simulated import (
-    Room,
-    TruthPanorama,
-    furnished_room,
-    truth_panorama,
-)
-from panodepth_ros.evaluation import (
+from panodepth_ros.analysis.evaluation import (
     DepthScore,
     ScanScore,
     nearest_visible,
     score_depth,
     score_scan,
 )
+from panodepth_ros.camera.simulated import (
+    Room,
+    TruthPanorama,
+    furnished_room,
+    truth_panorama,
+)
+from panodepth_ros.export import pictures as plots
 from panodepth_ros.geometry import PanoramaGeometry
 from panodepth_ros.ros.images import to_array
 from panodepth_ros.ros.messages import panorama_geometry

@@ -22,7 +22,7 @@ from panodepth_ros.cli.sweeps import add_sweep_arguments, read_pair, share
 from panodepth_ros.geometry import Panorama, Points, triangulate
 from panodepth_ros.matching import Correspondence, match, prepare
 from panodepth_ros.matching.ncc import match_ncc
-from panodepth_ros.scan import ScanSettings, laser_ranges
+from panodepth_ros.scan.beams import ScanSettings, laser_ranges
 
 #: Share of the known distances in b) beyond which everything known is drawn equally dark.
 _FARTHEST_SHOWN = 0.95
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Draw the figures; return the exit code."""
     output: Path = arguments.output
     try:
-        plots = plotting('plots_of_paper')
+        plots = plotting('export.paper_figures')
         features = load_features(arguments.features) if arguments.features else []
         settings = ScanSettings(
             min_confidence=arguments.min_confidence,

@@ -10,9 +10,9 @@ import numpy as np
 
 from panodepth_ros.bag import BagError
 from panodepth_ros.cli.sweeps import add_sweep_arguments, read_pair
+from panodepth_ros.export.ply import vertices, write_ply
 from panodepth_ros.geometry import triangulate
 from panodepth_ros.matching import match
-from panodepth_ros.ply import vertices, write_ply
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

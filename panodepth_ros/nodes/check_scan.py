@@ -17,10 +17,10 @@ from rclpy.qos import (
 from rclpy.task import Future
 from sensor_msgs.msg import JointState, LaserScan
 
-from panodepth_ros.frame_motion import FrameMotion
+from panodepth_ros.motion.frames import FrameMotion
 from panodepth_ros.ros.parameters import declare_parameters, parameter
 from panodepth_ros.ros.process import run_node
-from panodepth_ros.scan_check import (
+from panodepth_ros.scan.consumers import (
     Finding,
     ReceivedScan,
     ScanStream,

@@ -19,6 +19,7 @@ from std_msgs.msg import Header
 from panodepth_ros.geometry import Panorama, check_pair, distance_stddev, triangulate
 from panodepth_ros.matching import METHODS, match, prepare, window_geometry
 from panodepth_ros.mosaic.sweep import panorama_names
+from panodepth_ros.motion.standstill import StillLimits
 from panodepth_ros.nodes.republisher import Republisher
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, Report, publish_diagnostics
@@ -28,9 +29,8 @@ from panodepth_ros.ros.parameters import declare_parameters, parameter
 from panodepth_ros.ros.pointcloud import point_cloud
 from panodepth_ros.ros.process import run_node
 from panodepth_ros.ros.sync import StampMatcher
-from panodepth_ros.scan import ScanSettings, beam_confidence, laser_ranges
-from panodepth_ros.standstill import StillLimits
-from panodepth_ros.uncertainty import Uncertainty, scan_with_stddev
+from panodepth_ros.scan.beams import ScanSettings, beam_confidence, laser_ranges
+from panodepth_ros.scan.uncertainty import Uncertainty, scan_with_stddev
 
 _KINDS = {'image': Image, 'camera_info': CameraInfo}
 #: Noise of the column disparity that the points' standard deviations assume [columns]: two thirds

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import Trigger
 
-from panodepth_ros.standstill import Odometry, Standstill, StillLimits
+from panodepth_ros.motion.standstill import Odometry, Standstill, StillLimits
 
 
 class Republisher:

@@ -15,6 +15,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from panodepth_ros.geometry import Panorama, PanoramaGeometry, Points, locate
+from panodepth_ros.geometry.pinhole_views import Face, render, ring_of_faces
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.images import to_array, to_bgr_or_mono, to_message
 from panodepth_ros.ros.messages import panorama_geometry
@@ -22,7 +23,6 @@ from panodepth_ros.ros.parameters import declare_parameters, parameter
 from panodepth_ros.ros.pinhole_views import face_info, face_transform
 from panodepth_ros.ros.process import run_node
 from panodepth_ros.ros.sync import StampMatcher
-from panodepth_ros.views import Face, render, ring_of_faces
 
 _TOPICS = {'left/image': Image, 'depth/image': Image, 'depth/camera_info': CameraInfo}
 _OUTPUTS = {'image': Image, 'depth': Image, 'camera_info': CameraInfo}

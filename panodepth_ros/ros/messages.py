@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from panodepth_ros.geometry import PanoramaGeometry, PinholeCamera
-from panodepth_ros.scan import ScanSettings
+from panodepth_ros.scan.beams import ScanSettings
 
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time

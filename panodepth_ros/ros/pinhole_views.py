@@ -8,7 +8,7 @@ from geometry_msgs.msg import Quaternion, Transform, TransformStamped
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
-from panodepth_ros.views import Face
+from panodepth_ros.geometry.pinhole_views import Face
 
 
 def face_info(face: Face, header: Header) -> CameraInfo:

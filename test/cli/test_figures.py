@@ -17,7 +17,7 @@ from fixtures.bags import panorama_pair, write_joint_states, write_panoramas
 from panodepth_ros.cli.figures import nearer_is_lighter
 from panodepth_ros.cli.main import main
 from panodepth_ros.cli.sweeps import read_pair
-from panodepth_ros.ply import VERTEX
+from panodepth_ros.export.ply import VERTEX
 
 COLUMNS, ROWS, DX = 360, 24, 12
 #: Eq. 2 with φ = 20.5 and θ = 12 half columns.

@@ -10,8 +10,8 @@ import pytest
 from fixtures.ros import started
 from fixtures.shared_data import DATA, folder, in_panorama_order
 
+from panodepth_ros.analysis.evaluation import score_scan
 from panodepth_ros.bag import read
-from panodepth_ros.evaluation import score_scan
 from panodepth_ros.ros.images import to_array
 from panodepth_ros.ros.messages import panorama_geometry
 

@@ -16,7 +16,7 @@ from panodepth_ros.nodes import check_scan
 from panodepth_ros.nodes.check_scan import CheckScan
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.messages import laser_scan
-from panodepth_ros.scan import ScanSettings
+from panodepth_ros.scan.beams import ScanSettings
 
 pytestmark = pytest.mark.ros
 

@@ -20,7 +20,7 @@ from panodepth_ros.ros.images import to_array, to_message
 from panodepth_ros.ros.messages import panorama_info, to_stamp
 from panodepth_ros.ros.parameters import ParameterError
 from panodepth_ros.ros.pointcloud import POINT
-from panodepth_ros.scan import ScanSettings
+from panodepth_ros.scan.beams import ScanSettings
 
 pytestmark = pytest.mark.ros
 

@@ -6,10 +6,10 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
+from panodepth_ros.motion.standstill import StillLimits
 from panodepth_ros.nodes.republisher import Republisher
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.messages import to_nanoseconds
-from panodepth_ros.standstill import StillLimits
 
 pytestmark = pytest.mark.ros
 LIMITS = StillLimits(distance=0.01, turn=0.01, speed=0.01, turn_rate=0.01)

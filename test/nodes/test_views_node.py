@@ -10,12 +10,12 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from panodepth_ros.geometry import PanoramaGeometry
+from panodepth_ros.geometry.pinhole_views import ring_of_faces
 from panodepth_ros.nodes.views import Views, ViewsParameters
 from panodepth_ros.ros.images import to_array, to_message
 from panodepth_ros.ros.messages import panorama_info, pinhole_camera, to_stamp
 from panodepth_ros.ros.parameters import ParameterError
 from panodepth_ros.ros.pinhole_views import face_transform
-from panodepth_ros.views import ring_of_faces
 
 pytestmark = pytest.mark.ros
 

@@ -17,7 +17,7 @@ from panodepth_ros.ros.messages import (
     to_nanoseconds,
     to_stamp,
 )
-from panodepth_ros.scan import ScanSettings
+from panodepth_ros.scan.beams import ScanSettings
 
 pytestmark = pytest.mark.ros
 

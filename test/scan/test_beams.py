@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from panodepth_ros.geometry import Points
-from panodepth_ros.scan import ScanSettings, beam_confidence, laser_ranges
+from panodepth_ros.scan.beams import ScanSettings, beam_confidence, laser_ranges
 
 BEAMS = 360
 

@@ -16,7 +16,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from panodepth_ros.frame_motion import FrameMotion
+from panodepth_ros.motion.frames import FrameMotion
 
 CONSUMERS = ('costmap', 'amcl', 'slam_toolbox', 'collision_monitor', 'laser_geometry', 'rviz')
 

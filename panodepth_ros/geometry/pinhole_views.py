@@ -12,7 +12,7 @@ import numpy.typing as npt
 from numba import njit
 
 from panodepth_ros.geometry import PanoramaGeometry, Points
-from panodepth_ros.scan import SURFACE_DEPTH
+from panodepth_ros.scan.beams import SURFACE_DEPTH
 
 Array = npt.NDArray[np.float64]
 Function = TypeVar('Function', bound=Callable[..., object])
@@ -132,7 +132,7 @@ def render(
     -----
     The points lie at azimuths of their own, not at those of the panorama's columns. Each pixel is
     a patch of a cylinder around the axis: it reaches half-way to a neighbour of the same surface
-    (distances within :data:`~panodepth_ros.scan.SURFACE_DEPTH`), and to the pixel's own edge
+    (distances within :data:`~panodepth_ros.scan.beams.SURFACE_DEPTH`), and to the pixel's own edge
     otherwise. Face pixels whose centres lie in a patch take its distance and colour, and so does
     the one that the point itself is in. What no patch covers, such as what an edge hides from
     the eye but not from the axis, stays unknown.

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from panodepth_ros.turning import Reading, TurnEstimator
+from panodepth_ros.motion.turning import Reading, TurnEstimator
 
 DEG = math.pi / 180.0
 STEP = 0.04 * DEG

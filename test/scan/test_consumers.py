@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from panodepth_ros.frame_motion import FrameMotion
-from panodepth_ros.scan_check import (
+from panodepth_ros.motion.frames import FrameMotion
+from panodepth_ros.scan.consumers import (
     CONSUMERS,
     ReceivedScan,
     ScanStream,

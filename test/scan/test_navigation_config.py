@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from panodepth_ros.scan import ScanSettings
+from panodepth_ros.scan.beams import ScanSettings
 
-CONFIG = Path(__file__).resolve().parents[1] / 'config'
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
 OURS = {'simulated.yaml', 'simulated_spin.yaml', 'real.yaml'}
 NAVIGATION = ('nav2_costmap.yaml', 'amcl.yaml', 'slam_toolbox.yaml')
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from panodepth_ros.evaluation import nearest_in_beams, score_depth, score_scan
+from panodepth_ros.analysis.evaluation import nearest_in_beams, score_depth, score_scan
 
 NAN = math.nan
 

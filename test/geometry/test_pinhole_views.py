@@ -7,8 +7,8 @@ import pytest
 
 from panodepth_ros.camera.simulated import furnished_room, truth_panorama
 from panodepth_ros.geometry import PanoramaGeometry, locate
-from panodepth_ros.scan import ScanSettings, laser_ranges
-from panodepth_ros.views import render, ring_of_faces
+from panodepth_ros.geometry.pinhole_views import render, ring_of_faces
+from panodepth_ros.scan.beams import ScanSettings, laser_ranges
 
 COLUMNS, ROWS = 720, 48
 STEP = 2 * math.pi / COLUMNS

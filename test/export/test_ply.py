@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from panodepth_ros.ply import VERTEX, vertices, write_ply
+from panodepth_ros.export.ply import VERTEX, vertices, write_ply
 
 NAN = np.nan
 XYZ = np.array([[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [NAN, NAN, NAN], [7.0, 8.0, 9.0]]])

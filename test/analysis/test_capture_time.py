@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from panodepth_ros.analysis.capture_time import Motor, continuous, stop_and_go, widest_stripe
 from panodepth_ros.arm.motion import chain
-from panodepth_ros.capture_time import Motor, continuous, stop_and_go, widest_stripe
 
 STEP = math.radians(0.2)
 MOTOR = Motor(speed=math.radians(30), acceleration=math.radians(3600))

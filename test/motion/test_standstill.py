@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from panodepth_ros.standstill import Odometry, Standstill, StillLimits
+from panodepth_ros.motion.standstill import Odometry, Standstill, StillLimits
 
 LIMITS = StillLimits(distance=0.01, turn=math.radians(0.3), speed=0.01, turn_rate=0.02)
 HERE = Odometry(time=0.0, frame='odom', x=3.0, y=4.0, yaw=math.pi, speed=0.0, turn_rate=0.0)

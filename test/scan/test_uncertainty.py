@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from panodepth_ros.geometry import PanoramaGeometry, triangulate
-from panodepth_ros.uncertainty import Uncertainty, range_stddev, scan_with_stddev
+from panodepth_ros.scan.uncertainty import Uncertainty, range_stddev, scan_with_stddev
 
 COLUMNS, R, FX, OFFSET = 1800, 0.3, 261.67, 70.5
 STEP = 2 * math.pi / COLUMNS

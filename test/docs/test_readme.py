@@ -7,7 +7,7 @@ import numpy as np
 
 from panodepth_ros.camera.simulated import RoomCamera, furnished_room
 
-README = Path(__file__).resolve().parents[1] / 'README.md'
+README = Path(__file__).resolve().parents[2] / 'README.md'
 
 
 def test_core_without_ros():

@@ -8,7 +8,7 @@ import pytest
 from benchmarks import occupancy
 from benchmarks.navigation import MARGIN, RADIUS, navigate, simulated
 from benchmarks.occupancy import CELL, FREE, OCCUPIED, UNKNOWN
-from panodepth_ros.scan import ScanSettings
+from panodepth_ros.scan.beams import ScanSettings
 
 SETTINGS = ScanSettings()
 

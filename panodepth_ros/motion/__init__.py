@@ -1,0 +1,1 @@
+"""Core: whether and how robot, frame and arm move."""
