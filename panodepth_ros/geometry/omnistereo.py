@@ -158,7 +158,9 @@ def locate(radial_distance: npt.NDArray[np.floating], panorama: PanoramaGeometry
 
 
 def distance_stddev(
-    radial_distance: npt.NDArray[np.floating], left: PanoramaGeometry, disparity_stddev: float
+    radial_distance: npt.NDArray[np.floating],
+    left: PanoramaGeometry,
+    disparity_stddev: float | npt.NDArray[np.floating],
 ) -> npt.NDArray[np.float64]:
     """
     Standard deviation of distances, to first order in the noise of the disparity.
@@ -169,7 +171,7 @@ def distance_stddev(
         l [m] on the left panorama's grid; NaN where unknown.
     left : PanoramaGeometry
         Left panorama of a symmetric pair.
-    disparity_stddev : float
+    disparity_stddev : float or ndarray of float, shape (H, W)
         Standard deviation of the column disparity [columns].
 
     Returns

@@ -33,9 +33,6 @@ from panodepth_ros.scan.beams import ScanSettings, beam_confidence, laser_ranges
 from panodepth_ros.scan.uncertainty import Uncertainty, scan_with_stddev
 
 _KINDS = {'image': Image, 'camera_info': CameraInfo}
-#: Noise of the column disparity that the points' standard deviations assume [columns]: two thirds
-#: of the demo's pixels are nearer to the truth than that.
-DISPARITY_STDDEV = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -292,7 +289,8 @@ class Depth(Node):
         self._confidence_publisher.publish(_image(matched.confidence, header))
         if self._points_publisher.get_subscription_count():
             xyz = np.where(trusted[..., np.newaxis], points.xyz(), np.nan)
-            stddev = distance_stddev(depth, left.geometry, DISPARITY_STDDEV)
+            noise = parameters.uncertainty().of_disparity(matched.confidence)
+            stddev = distance_stddev(depth, left.geometry, noise)
             self._points_publisher.publish(
                 point_cloud(xyz, left.image, matched.confidence, stddev, header)
             )

@@ -44,6 +44,11 @@ class Uncertainty:
             if not 0 <= value < np.inf:
                 raise ValueError(f'{name} is {value}; allowed: finite, at least 0')
 
+    def of_disparity(self, confidence: npt.NDArray[np.floating]) -> Array:
+        """Standard deviation of column disparities of a confidence, any shape [columns]."""
+        certain, doubtful = self.certain_disparity, self.doubtful_disparity
+        return np.asarray(doubtful + confidence * (certain - doubtful), np.float64)
+
 
 def range_stddev(
     ranges: npt.NDArray[np.floating],
@@ -97,11 +102,8 @@ def range_stddev(
     by_angle = -(turn_right - turn_left) / slope
     by_left = -r * np.cos(psi_left) * turn_left / (slope * from_left)
     by_right = r * np.cos(psi_right) * turn_right / (slope * from_right)
-    disparity = uncertainty.doubtful_disparity + confidence * (
-        uncertainty.certain_disparity - uncertainty.doubtful_disparity
-    )
     variance = (
-        (disparity * left.column_step / slope) ** 2
+        (uncertainty.of_disparity(confidence) * left.column_step / slope) ** 2
         + (uncertainty.focal_length * (by_angle + by_left + by_right)) ** 2
         + (uncertainty.arm_radius * distance / r) ** 2
     )

@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 from panodepth_ros.geometry import PanoramaGeometry
 from panodepth_ros.matching import match
 from panodepth_ros.nodes import depth as depth_module
-from panodepth_ros.nodes.depth import DISPARITY_STDDEV, Depth, DepthParameters
+from panodepth_ros.nodes.depth import Depth, DepthParameters
 from panodepth_ros.ros.images import to_array, to_message
 from panodepth_ros.ros.messages import panorama_info, to_stamp
 from panodepth_ros.ros.parameters import ParameterError
@@ -162,8 +162,10 @@ def test_points_lie_on_the_wall_of_the_depth_image(ros):
         R * math.sin(PHI) / math.sin(PHI - (DISPARITY + columns) * STEP / 2)
         for columns in (0.05, -0.05)
     )
-    expected = 10 * (farther - nearer) * DISPARITY_STDDEV
-    assert np.nanmedian(points['stddev']) == pytest.approx(expected, rel=0.02)
+    parameters = DepthParameters()
+    noise = parameters.uncertainty().of_disparity(points['confidence'][known])
+    ratio = points['stddev'][known] / noise
+    assert np.median(ratio) == pytest.approx(10 * (farther - nearer), rel=0.02)
 
 
 def test_points_are_made_only_for_subscribers(ros, monkeypatch):

@@ -71,6 +71,12 @@ def test_a_good_scan_passes_every_rule(beams):
     assert {verdict for verdict, _ in by_consumer(findings).values()} == {Verdict.PASS}
 
 
+def test_whether_a_short_sweep_is_stamped_with_its_first_ray_may_be_unknown():
+    found = finding('stamp', good(stamp=97.7, scan_time=2.3))
+    assert found.verdict is Verdict.UNKNOWN
+    assert 'may tell its first ray' in found.reason
+
+
 def test_a_lidar_of_270_degrees_passes():
     increment = math.radians(0.25)
     scan = good(
