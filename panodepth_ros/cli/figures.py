@@ -19,8 +19,8 @@ from panodepth_ros.bag import BagError
 from panodepth_ros.cli.features import Comparison, compare, load_features, table
 from panodepth_ros.cli.plotting import PlottingError, plotting
 from panodepth_ros.cli.sweeps import add_sweep_arguments, read_pair, share
-from panodepth_ros.geometry import Panorama, Points, triangulate
-from panodepth_ros.matching import Correspondence, match, prepare
+from panodepth_ros.geometry import Panorama, Points
+from panodepth_ros.matching import Correspondence, match, prepare, triangulate_match
 from panodepth_ros.matching.ncc import match_ncc
 from panodepth_ros.scan.beams import ScanSettings, laser_ranges
 
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
         left, right = read_pair(arguments.bag, arguments.namespace)
         matched = match(left, right, method=arguments.method, threads=arguments.threads)
-        points = triangulate(matched.column_disparity, left.geometry, right.geometry)
+        points = triangulate_match(matched, left.geometry, right.geometry)
         azimuth, distance = _ground_plan(points, matched, settings)
         compared = compare(features, _trusted(points, matched, settings), azimuth, distance)
         output.mkdir(parents=True, exist_ok=True)
@@ -168,7 +168,7 @@ def _draw_matching(
         sure = one_way.confidence >= arguments.min_correlation
 
     distances = [
-        triangulate(matched.column_disparity, left.geometry, right.geometry).radial_distance
+        triangulate_match(matched, left.geometry, right.geometry).radial_distance
         for matched in (dense, one_way, sparse)
     ]
     distances[1][~sure] = np.nan

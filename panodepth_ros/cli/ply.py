@@ -11,8 +11,7 @@ import numpy as np
 from panodepth_ros.bag import BagError
 from panodepth_ros.cli.sweeps import add_sweep_arguments, read_pair
 from panodepth_ros.export.ply import vertices, write_ply
-from panodepth_ros.geometry import triangulate
-from panodepth_ros.matching import match
+from panodepth_ros.matching import match, triangulate_match
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         left, right = read_pair(arguments.bag, arguments.namespace)
         matched = match(left, right, method=arguments.method, threads=arguments.threads)
-        points = triangulate(matched.column_disparity, left.geometry, right.geometry)
+        points = triangulate_match(matched, left.geometry, right.geometry)
         xyz = points.xyz()
         xyz[points.radial_distance > arguments.farthest] = np.nan
         found = vertices(xyz, left.image, matched.confidence, arguments.min_confidence)

@@ -19,6 +19,7 @@ from plotly.offline import get_plotlyjs
 from panodepth_ros.camera.simulated import furnished_room
 from panodepth_ros.cli.recording import Recording
 from panodepth_ros.geometry import Points, locate
+from panodepth_ros.matching import window_geometry
 from panodepth_ros.pages import page
 from panodepth_ros.scan.beams import SURFACE_DEPTH, ScanSettings
 
@@ -63,7 +64,7 @@ def html(recording: Recording, *, name: str, band: tuple[float, float] | None = 
     if not low < high:
         raise ValueError(f'band is {low} m to {high} m; allowed: the lower edge first')
     geometry, scan = recording.geometry, recording.scan
-    points = locate(recording.depth, geometry)
+    points = locate(recording.depth, window_geometry(geometry))  # as the depth node placed them
     ranges = np.asarray(scan.ranges, np.float64)
     known = np.isfinite(recording.depth)
     farthest = _scale_end(recording.depth)

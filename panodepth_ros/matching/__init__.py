@@ -5,7 +5,15 @@ from panodepth_ros.matching.interface import (
     Correspondence,
     match,
     prepare,
+    triangulate_match,
     window_geometry,
 )
 
-__all__ = ['METHODS', 'Correspondence', 'match', 'prepare', 'window_geometry']
+__all__ = [
+    'METHODS',
+    'Correspondence',
+    'match',
+    'prepare',
+    'triangulate_match',
+    'window_geometry',
+]

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from panodepth_ros.geometry import Panorama, PanoramaGeometry, check_pair
+from panodepth_ros.geometry import Panorama, PanoramaGeometry, Points, check_pair, triangulate
 
 #: Half width of the correlation window (2n+1)², n = 4 in the paper (sec. 7).
 WINDOW_HALF_WIDTH = 4
@@ -182,6 +182,32 @@ def window_geometry(geometry: PanoramaGeometry) -> PanoramaGeometry:
     mean = np.full(geometry.columns, np.nan)
     mean[seen] = (total / np.maximum(count, 1))[seen]
     return replace(geometry, ray_angle=mean)
+
+
+def triangulate_match(
+    matched: Correspondence, left: PanoramaGeometry, right: PanoramaGeometry
+) -> Points:
+    """
+    Points of a match.
+
+    Parameters
+    ----------
+    matched : Correspondence
+        Made of the pair, H × W.
+    left, right : PanoramaGeometry
+        The pair.
+
+    Returns
+    -------
+    Points
+        On the left panorama's grid, by the mean rays of the windows (:func:`window_geometry`).
+
+    Raises
+    ------
+    ValueError
+        If the panoramas are not a pair or the match has another size.
+    """
+    return triangulate(matched.column_disparity, window_geometry(left), window_geometry(right))
 
 
 def _grey(panorama: Panorama) -> npt.NDArray[np.uint8]:

@@ -16,8 +16,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, LaserScan, PointCloud2
 from std_msgs.msg import Header
 
-from panodepth_ros.geometry import Panorama, check_pair, distance_stddev, triangulate
-from panodepth_ros.matching import METHODS, match, prepare, window_geometry
+from panodepth_ros.geometry import Panorama, check_pair, distance_stddev
+from panodepth_ros.matching import METHODS, match, prepare, triangulate_match, window_geometry
 from panodepth_ros.mosaic.sweep import panorama_names
 from panodepth_ros.motion.standstill import StillLimits
 from panodepth_ros.nodes.republisher import Republisher
@@ -269,14 +269,13 @@ class Depth(Node):
             method=parameters.method,
             threads=parameters.threads,
         )
-        geometries = window_geometry(left.geometry), window_geometry(right.geometry)
-        points = triangulate(matched.column_disparity, *geometries)
+        points = triangulate_match(matched, left.geometry, right.geometry)
         settings = parameters.scan_settings()
         ranges = laser_ranges(points, matched.confidence, settings)
         ranges, beam_stddev = scan_with_stddev(
             ranges,
             beam_confidence(points, matched.confidence, ranges, settings),
-            geometries,
+            (window_geometry(left.geometry), window_geometry(right.geometry)),
             parameters.uncertainty(),
             range_max=settings.range_max,
             allowed=parameters.allowed_stddev,

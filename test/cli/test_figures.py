@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip('rosbags', reason='bags need rosbags')
 
-from fixtures.bags import panorama_pair, write_joint_states, write_panoramas
+from fixtures.bags import panorama_pair, striped_pair, write_joint_states, write_panoramas
 
 from panodepth_ros.cli.figures import nearer_is_lighter
 from panodepth_ros.cli.main import main
@@ -100,6 +100,41 @@ def test_points_of_a_bag(capsys, bag, tmp_path):
     assert math.atan2(points[0]['y'], points[0]['x']) == pytest.approx(azimuth, abs=0.01)
     d = math.sqrt(DISTANCE**2 - r0**2) - 0.3 * math.cos(math.radians(10.25))
     assert points[0]['z'] == pytest.approx(d * 11.5 / 50, rel=0.05)
+
+
+def middle(values: np.ndarray) -> float:
+    """How far apart the middle 68 % of some values lie."""
+    low, high = np.percentile(values, [16, 84])
+    return float(high - low)
+
+
+@pytest.fixture(scope='module')
+def striped_bag(tmp_path_factory) -> Path:
+    """A cylinder of 1 m; by each column's own ray it would be a saw of 0.10 m, not 0.02 m."""
+    return write_panoramas(tmp_path_factory.mktemp('stripes') / 'bag', [striped_pair(5, 1.0)])
+
+
+def test_points_of_stripes_lie_on_a_smooth_wall(striped_bag, tmp_path):
+    path = tmp_path / 'points.ply'
+    assert main(['ply', str(striped_bag), '-o', str(path), '--method', 'ncc']) == 0
+    points = np.frombuffer(path.read_bytes().partition(b'end_header\n')[2], VERTEX)
+    assert points.size > 0.9 * ROWS * COLUMNS
+    distance = np.hypot(points['x'], points['y'])
+    assert np.median(distance) == pytest.approx(1.0, rel=0.03)
+    assert middle(distance) < 0.04
+
+
+def test_figures_of_stripes_show_a_smooth_wall(capsys, striped_bag, tmp_path):
+    pytest.importorskip('matplotlib')
+    features = tmp_path / 'features.yaml'
+    lines = [f'  - {{azimuth_deg: {azimuth}, distance: 1.0}}' for azimuth in range(-177, 180, 7)]
+    features.write_text('\n'.join(['features:', *lines]))
+    arguments = ['--output', str(tmp_path), '--features', str(features)]
+    arguments += ['--row', '12', '--method', 'ncc']
+    assert main(['figures', str(striped_bag), *arguments]) == 0
+    assert middle(np.array(errors(capsys.readouterr().out))) < 4.0
+    levels = cv2.imread(str(tmp_path / 'figure_6b.png'), -1)
+    assert middle(levels[levels > 0]) < 15
 
 
 def test_far_points_are_left_out(bag, tmp_path):
