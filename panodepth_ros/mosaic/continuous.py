@@ -18,7 +18,8 @@ from panodepth_ros.mosaic.sweep import Rig, Sweep
 
 #: An arm slower than this counts as standing: its frames show nothing new [columns/s].
 SLOWEST = 1.0
-#: A sweep that ends early, for the arm turned back, is worth publishing from this share on.
+#: A sweep that lacks columns, for the arm turned back or frames were lost, is worth publishing
+#: from this share on.
 LEAST_SHARE = 0.5
 
 
@@ -90,6 +91,7 @@ class ContinuousAssembler(SweepBuilder[ArmMotion]):
             return []
         self.sweep = None
         if sweep.progress < LEAST_SHARE:
-            self.drops[f'sweep: arm turned back before {LEAST_SHARE:.0%} of it'] += 1
+            why = 'arm turned back before' if turned_back else 'frames reached less than'
+            self.drops[f'sweep: {why} {LEAST_SHARE:.0%} of it'] += 1
             return []
         return [sweep]

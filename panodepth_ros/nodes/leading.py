@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.client import Client
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
@@ -85,10 +86,16 @@ class Leader(ABC):
         """Let the arm be: the sweep is finished or given up."""
         self._answer = None
 
-    def _ask(self, request: Any, refused: str) -> None:
-        """Call the service; a refusal gives the sweep up."""
+    def _ask(
+        self,
+        client: Client,
+        request: Any,
+        refused: str,
+        then: Callable[[], None] | None = None,
+    ) -> None:
+        """Call a service, and go on by ``then``; a refusal gives the sweep up."""
         self._waiting_since = time.monotonic()
-        answer = self._answer = self._client.call_async(request)
+        answer = self._answer = client.call_async(request)
 
         def done(future: Any) -> None:
             if self._answer is not answer:
@@ -96,10 +103,12 @@ class Leader(ABC):
             self._answer = None
             self._waiting_since = time.monotonic()
             result = future.result()
-            if result.success:
-                self.advance()
-            else:
+            if not result.success:
                 self._give_up(f'{refused}: {result.message}')
+                return
+            if then is not None:
+                then()
+            self.advance()
 
         answer.add_done_callback(done)
 
@@ -112,8 +121,26 @@ class Leader(ABC):
         )
 
 
+class TurnWatch:
+    """Tells whether an arm turns on, by its azimuth; an encoder that trembles is no turn."""
+
+    def __init__(self) -> None:
+        self._azimuth = math.nan
+
+    def see(self, azimuth: float, least: float) -> bool:
+        """Take an azimuth [rad]; return whether it is new by at least so much [rad]."""
+        turned = not abs(azimuth - self._azimuth) < least
+        if turned:
+            self._azimuth = azimuth
+        return turned
+
+
 class StepLeader(Leader):
-    """Steps the arm on, frame by frame."""
+    """
+    Steps the arm on, frame by frame.
+
+    Before the first step the arm turns back its cable, if its driver offers that.
+    """
 
     kind = Trigger
     service = 'arm_driver/step'
@@ -128,6 +155,8 @@ class StepLeader(Leader):
         super().__init__(node, builder, settings, give_up)
         self._assembler = builder
         self._rig = builder.rig
+        self._unwind_client = node.create_client(Trigger, 'arm_driver/unwind')
+        self._progress = TurnWatch()
         self._steps = 0
         self._azimuth = math.nan
         self._after = 0
@@ -136,8 +165,17 @@ class StepLeader(Leader):
         """See :meth:`Leader.begin`."""
         self._rig = self._assembler.rig  # a live parameter acts on the next sweep
         self._steps = 0
-        self._azimuth = self._assembler.track.position
-        self._step()
+        self._after = self._assembler.track.newest or 0
+        if self._unwind_client.service_is_ready():
+            self._progress = TurnWatch()
+            self._ask(
+                self._unwind_client,
+                Trigger.Request(),
+                'the arm refused to unwind its cable',
+                self._unwound,
+            )
+        else:
+            self._step(self._assembler.track.position)
         rig = self._rig
         return f'sweep of {rig.sweep_columns} columns in {rig.sweep_frames} frames started'
 
@@ -145,7 +183,9 @@ class StepLeader(Leader):
         """See :meth:`Leader.advance`."""
         settings, frames = self._settings(), self._rig.sweep_frames
         standstill = self._assembler.track.current
-        if standstill is None or self._moving(standstill):
+        if self._steps == 0:
+            self._advance_unwinding(standstill)
+        elif standstill is None or self._moving(standstill):
             if self.waited > settings.step_timeout:
                 self._give_up(
                     f'the arm did not take a step and report standing still within '
@@ -163,12 +203,13 @@ class StepLeader(Leader):
             if self.waited > settings.frame_timeout:
                 self._complain(f'frame {self._steps} of {frames}')
         elif self._steps < frames:
-            self._azimuth = standstill.azimuth
-            self._step()
+            self._step(standstill.azimuth)
 
     def waits_for(self) -> tuple[bytes, str]:
         """See :meth:`Leader.waits_for`."""
         settings, standstill = self._settings(), self._assembler.track.current
+        if self._steps == 0:
+            return OK, f'waiting for the arm to unwind its cable for {self.waited:.1f} s'
         moving = standstill is None or self._moving(standstill)
         patience = settings.step_timeout if moving else settings.frame_timeout
         return (
@@ -176,6 +217,23 @@ class StepLeader(Leader):
             f'frame {self._steps} of {self._rig.sweep_frames}: '
             f'waiting for {"the arm" if moving else "a frame"} for {self.waited:.1f} s',
         )
+
+    def _unwound(self) -> None:
+        """Take no joint state from before the answer for where the arm stands now."""
+        self._after = self._assembler.track.newest or 0
+
+    def _advance_unwinding(self, standstill: Standstill | None) -> None:
+        """Take the first step as soon as the arm is seen to stand with its cable unwound."""
+        track, timeout = self._assembler.track, self._settings().step_timeout
+        if self._progress.see(track.position, self._rig.column_step):
+            self._waiting_since = time.monotonic()
+        if self._answer is None and standstill is not None and standstill.end > self._after:
+            self._step(standstill.azimuth)
+        elif self.waited > timeout:
+            self._give_up(
+                f'the arm did not unwind its cable: for {timeout:g} s it neither turned nor '
+                'reported standing still'
+            )
 
     def _moving(self, standstill: Standstill) -> bool:
         """Whether the arm still has to answer, or to be seen standing after its step."""
@@ -186,14 +244,21 @@ class StepLeader(Leader):
         columns = abs(standstill.azimuth - self._azimuth) / rig.column_step
         return abs(columns - rig.stripe_columns) < 0.5
 
-    def _step(self) -> None:
+    def _step(self, azimuth: float) -> None:
+        """Ask for a step from an arm azimuth [rad]."""
         self._steps += 1
+        self._azimuth = azimuth
         self._after = self._assembler.track.newest or 0
-        self._ask(Trigger.Request(), 'the arm refused a step')
+        self._ask(self._client, Trigger.Request(), 'the arm refused a step')
 
 
 class SpinLeader(Leader):
-    """Lets the arm turn until a sweep is done, or for good."""
+    """
+    Lets the arm turn until a sweep is done, or for good.
+
+    An arm that is still braking after the last sweep is awaited; it is told to turn when it has
+    answered that it stands.
+    """
 
     kind = SetBool
     service = 'arm_driver/spin'
@@ -207,42 +272,110 @@ class SpinLeader(Leader):
     ) -> None:
         super().__init__(node, builder, settings, give_up)
         self._seen = 0
+        self._braking: Any = None  # the answer to the last stop, while it is awaited
+        self._asked = False
+        self._turn = TurnWatch()
+        self._newest = 0
+        self._fresh_since = self._turned_at = 0.0
 
     def begin(self) -> str:
         """See :meth:`Leader.begin`."""
         self._seen = 0
-        self._ask(SetBool.Request(data=True), 'the arm refused to turn')
+        self._asked = False
+        self._waiting_since = time.monotonic()
+        self._ask_to_turn()
         rig = self._builder.rig
         return f'sweep of {rig.sweep_columns} columns started, the arm turns steadily'
 
     def advance(self) -> None:
         """See :meth:`Leader.advance`."""
         settings, seen = self._settings(), self._columns_seen()
-        if seen != self._seen:
+        if not self._asked:
+            self._ask_to_turn()
+            if not self._asked and self.waited > settings.step_timeout:
+                # Its end tells the arm once more to stop.
+                self._give_up(
+                    f'the arm did not stop after the last sweep within {settings.step_timeout:g} s'
+                )
+        elif self._answer is not None:
+            if self.waited > settings.step_timeout:
+                self._give_up(f'the arm did not begin to turn within {settings.step_timeout:g} s')
+        elif self._stands():
+            self._give_up(
+                f'the arm stopped turning: its joint states have stayed at '
+                f'{math.degrees(self._builder.track.position):.2f}° for '
+                f'{settings.step_timeout:g} s'
+            )
+        elif seen != self._seen:
             self._seen = seen
             self._waiting_since = time.monotonic()
-        elif self._answer is not None and self.waited > settings.step_timeout:
-            self._give_up(f'the arm did not begin to turn within {settings.step_timeout:g} s')
-        elif self._answer is None and self.waited > settings.frame_timeout:
+        elif self.waited > settings.frame_timeout:
             self._complain(f'column {seen} of {self._builder.rig.sweep_columns}')
 
     def waits_for(self) -> tuple[bytes, str]:
         """See :meth:`Leader.waits_for`."""
         settings = self._settings()
-        patience = settings.step_timeout if self._answer is not None else settings.frame_timeout
-        what = 'the arm' if self._answer is not None else 'a frame'
+        on_arm = self._answer is not None or not self._asked
+        patience = settings.step_timeout if on_arm else settings.frame_timeout
+        what = 'the arm' if self._asked else 'the arm to stop'
         return (
             WARN if self.waited > patience else OK,
             f'column {self._columns_seen()} of {self._builder.rig.sweep_columns}: '
-            f'waiting for {what} for {self.waited:.1f} s',
+            f'waiting for {what if on_arm else "a frame"} for {self.waited:.1f} s',
         )
 
     def end(self) -> None:
         """See :meth:`Leader.end`; stops the arm and takes no frame of it any more."""
         super().end()
         self._builder.restart(NEVER)
-        if not self.missing_service:
-            self._client.call_async(SetBool.Request(data=False))
+        log = self._node.get_logger()
+        if self.missing_service:
+            log.error(
+                f'the arm could not be told to stop: the service {self.missing_service} is not '
+                'there; it may still turn'
+            )
+            return
+        answer = self._braking = self._client.call_async(SetBool.Request(data=False))
+
+        def stopped(future: Any) -> None:
+            if self._braking is answer:
+                self._braking = None
+            result = future.result()
+            if not result.success:
+                log.error(f'the arm refused to stop: {result.message}; it may still turn')
+
+        answer.add_done_callback(stopped)
+
+    def _ask_to_turn(self) -> None:
+        """Let the arm turn, unless it still brakes."""
+        newest = self._builder.track.newest or 0
+        if self._braking is not None:
+            self._builder.restart(NEVER)
+            return
+        self._asked = True
+        self._builder.restart(newest + 1)
+        self._turn = TurnWatch()
+        self._newest = 0
+        self._ask(
+            self._client, SetBool.Request(data=True), 'the arm refused to turn', self._watch_turn
+        )
+
+    def _watch_turn(self) -> None:
+        """Count from now on how long the arm stands."""
+        self._newest = self._builder.track.newest or 0
+        self._fresh_since = self._turned_at = time.monotonic()
+
+    def _stands(self) -> bool:
+        """Whether fresh joint states have told one azimuth for the time of a step."""
+        track, settings, now = self._builder.track, self._settings(), time.monotonic()
+        if track.newest is None or track.newest == self._newest:
+            if now - self._fresh_since > settings.joint_state_gap:
+                self._turned_at = now  # silent joint states tell nothing
+            return False
+        self._newest, self._fresh_since = track.newest, now
+        if self._turn.see(track.position, self._builder.rig.column_step):
+            self._turned_at = now
+        return now - self._turned_at > settings.step_timeout
 
     def _columns_seen(self) -> int:
         return int(self._builder.sweep.seen.sum()) if self._builder.sweep is not None else 0

@@ -89,7 +89,8 @@ class Mosaicer(Node):
             if parameters.image_delay_ms != self._settings.image_delay_ms:
                 builder.image_delay = round(parameters.image_delay_ms * 1e6)
             builder.row_time = parameters.row_time_us * 1e-6
-        builder.rig = parameters.rig()
+        if not self._leading or builder.sweep is not None:
+            builder.rig = parameters.rig()  # else a led sweep waits for its first frame
         self._delay_check = DelayCheck()
         self._settings = parameters
 
@@ -98,7 +99,10 @@ class Mosaicer(Node):
     def _on_camera_info(self, message: CameraInfo) -> None:
         under_way = self._assembler.sweep is not None
         try:
-            self._publish(self._assembler.set_camera(pinhole_camera(message)))
+            camera = pinhole_camera(message)
+            if camera != self._assembler.camera:
+                self._delay_check = DelayCheck()
+            self._publish(self._assembler.set_camera(camera))
         except ValueError as error:
             self._camera_fault = str(error)
             self.get_logger().error(f'camera_info: {error}', throttle_duration_sec=5.0)
@@ -143,6 +147,7 @@ class Mosaicer(Node):
         if response.message or newest is None:
             return response
         self._assembler.restart(newest + 1)
+        self._assembler.rig = self._settings.rig()
         self._delay_check = DelayCheck()
         self._assembler.drops.clear()
         self._leading = True

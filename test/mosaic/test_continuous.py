@@ -110,6 +110,13 @@ def test_an_arm_that_turns_back_late_ends_the_sweep_early_and_early_drops_it():
             assert sweeps[0].progress == pytest.approx(share, abs=0.02)
 
 
+def test_a_sweep_that_lost_most_frames_is_dropped_and_says_so():
+    built = assembler()
+    lost = [k for k in range(40, 540) if k % 5]
+    assert record(built, 18.0, lost=lost) == []
+    assert built.drops['sweep: frames reached less than 50% of it'] == 1
+
+
 def test_silent_joint_states_place_no_frame():
     built = assembler()
     for stamp in (0, 50, 400, 450):

@@ -6,120 +6,16 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from fixtures.diagnostics import Diagnosis
-from fixtures.rig import HEIGHT, MessageRig
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
-from sensor_msgs.msg import CameraInfo, Image
-from std_msgs.msg import Float32
-from std_srvs.srv import Trigger
+from fixtures.mosaicer import COLUMNS, STEP_DEG, Bench, parameters
+from fixtures.rig import HEIGHT
+from sensor_msgs.msg import Image
 
-from panodepth_ros.mosaic.sweep import panorama_names
 from panodepth_ros.nodes.mosaicer import Mosaicer
 from panodepth_ros.ros.images import to_array
 from panodepth_ros.ros.messages import panorama_geometry
 from panodepth_ros.ros.parameters import ParameterError
 
 pytestmark = pytest.mark.ros
-
-STEP_DEG = 6.0
-COLUMNS = 60
-
-
-def parameters(**values):
-    values = {'column_step_deg': STEP_DEG, 'column_offset_px': 20.0, **values}
-    return [Parameter(name, value=value) for name, value in values.items()]
-
-
-class Bench:
-    """A mosaicer, a rig, and a listener."""
-
-    def __init__(self, ros, **values):
-        self.ros = ros
-        self.mosaicer = ros.add(
-            Mosaicer(context=ros.context, parameter_overrides=parameters(**values))
-        )
-        step = math.radians(STEP_DEG) * values.get('stripe_columns', 1)
-        self.rig = ros.add(MessageRig(step, context=ros.context))
-        self.listener = ros.node('listener')
-        self.got = {}
-        self.progress = []
-        names = panorama_names(len(values.get('further_offsets_px', ())))
-        for name in names:
-            for kind, topic in ((Image, 'image'), (CameraInfo, 'camera_info')):
-                self.got[f'{name}/{topic}'] = []
-                self.listener.create_subscription(
-                    kind, f'{name}/{topic}', self.got[f'{name}/{topic}'].append, 10
-                )
-        self.listener.create_subscription(
-            Float32, 'mosaicer/progress', lambda m: self.progress.append(m.data), 100
-        )
-        self.clients = {
-            name: self.listener.create_client(Trigger, f'mosaicer/{name}')
-            for name in ('start', 'cancel')
-        }
-        ros.spin_until(self.connected, 'the graph')
-
-    def connected(self):
-        return (
-            all(client.service_is_ready() for client in self.clients.values())
-            and not self.mosaicer._leader.missing_service
-            and self.mosaicer.count_publishers('joint_states')
-            and self.rig.count_subscribers('image_raw')
-            and self.rig.count_subscribers('camera_info')
-            and self.rig.count_subscribers('joint_states')
-            and all(self.mosaicer.count_subscribers(topic) for topic in self.got)
-            and self.mosaicer.count_subscribers('mosaicer/progress')
-        )
-
-    def call(self, service):
-        future = self.clients[service].call_async(Trigger.Request())
-        return self.ros.result(future, f'answer of {service}')
-
-    def ready(self):
-        """Let the mosaicer know camera and arm."""
-        self.rig.camera_info()
-        self.rig.standing()
-        track = self.mosaicer._assembler.track
-        self.ros.spin_until(
-            lambda: self.mosaicer._assembler.camera and track.newest, 'camera and arm'
-        )
-        return self
-
-    def rig_is_ahead(self):
-        return (self.mosaicer._assembler.track.newest or 0) < self.rig.now
-
-    def someone_else_steps(self, columns):
-        for _ in columns:
-            self.rig._on_step(None, Trigger.Response())
-            self.ros.spin_until(lambda: not self.rig_is_ahead(), 'the joint states')
-
-    def start(self):
-        answer = self.call('start')
-        assert answer.success, answer.message
-
-    def set(self, **values):
-        client = self.listener.create_client(SetParameters, 'mosaicer/set_parameters')
-        self.ros.spin_until(client.service_is_ready, 'set_parameters')
-        messages = [
-            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
-        ]
-        (result,) = self.ros.result(
-            client.call_async(SetParameters.Request(parameters=messages))
-        ).results
-        return result
-
-    def sweeps(self, count=1):
-        self.ros.spin_until(
-            lambda: all(len(messages) >= count for messages in self.got.values()), 'panoramas'
-        )
-        return {topic: messages[count - 1] for topic, messages in self.got.items()}
-
-    def given_up(self):
-        self.ros.spin_until(lambda: not self.mosaicer._leading, 'the end of the sweep')
-        assert not any(self.got.values()), 'a sweep that was given up was published'
-        self.ros.spin_until(
-            lambda: self.progress and math.isnan(self.progress[-1]), 'NaN progress'
-        )
 
 
 @pytest.fixture
@@ -556,72 +452,3 @@ def test_frame_of_unknown_encoding_is_dropped(bench):
     bench.rig.move = move_and_show_an_unknown_encoding
     bench.start()
     assert 20 in to_array(bench.sweeps()['left/image'])[0, :, 0].tolist()
-
-
-# --- a steadily turning arm -------------------------------------------------------------------
-
-
-class TurningBench(Bench):
-    """A mosaicer of a turning arm."""
-
-    def __init__(self, ros, **values):
-        wide = {'stripe_columns': 2, 'column_offset_px': 10.0}
-        super().__init__(ros, motion='continuous', **wide, **values)
-        self.ready()
-
-    def turn(self, columns):
-        for _ in self.rig.turn(columns):
-            self.ros.spin_until(lambda: not self.rig_is_ahead(), 'the joint states')
-
-    def told(self, *spins):
-        self.ros.spin_until(lambda: self.rig.spins == list(spins), f'spin {spins}')
-
-
-def test_turning_arm_is_led_for_one_sweep_and_stopped(ros):
-    bench = TurningBench(ros)
-    bench.start()
-    bench.told(True)
-    bench.turn(COLUMNS + 2)
-    info = bench.sweeps()['left/camera_info']
-    geometry = panorama_geometry(info)
-    assert geometry.seen.all()
-    assert not geometry.uniform
-    bench.told(True, False)
-    bench.turn(COLUMNS)
-    assert bench.mosaicer._assembler.sweep is None, 'a braking arm begins no sweep'
-
-
-def test_free_running_makes_sweep_after_sweep_until_cancelled(ros):
-    bench = TurningBench(ros, free_running=True)
-    bench.start()
-    bench.told(True)
-    bench.turn(2 * COLUMNS + 3)
-    bench.sweeps(2)
-    bench.told(True)
-    assert bench.call('cancel').success
-    bench.told(True, False)
-
-
-def test_arm_that_refuses_to_turn_ends_the_sweep(ros, capfd):
-    bench = TurningBench(ros)
-    bench.rig.refuse_to_spin = 'the cable is at its limit'
-    bench.start()
-    bench.given_up()
-    assert 'the arm refused to turn: the cable is at its limit' in capfd.readouterr().err
-
-
-def test_turning_arm_without_frames_is_reported_and_goes_on(ros, capfd):
-    bench = TurningBench(ros, frame_timeout=0.1)
-    bench.start()
-    bench.told(True)
-    said = ''
-    while 'the sweep waits at column 0 of 60' not in said:
-        ros.executor.spin_once(timeout_sec=0.1)
-        said += capfd.readouterr().err
-    bench.turn(COLUMNS + 2)
-    assert panorama_geometry(bench.sweeps()['left/camera_info']).seen.all()
-
-
-def test_free_running_needs_a_turning_arm(ros):
-    with pytest.raises(ParameterError, match='free_running is true; allowed: with motion cont'):
-        Bench(ros, free_running=True)
