@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import queue
-import threading
 import time
+import traceback
 from collections.abc import Hashable
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
@@ -21,6 +20,7 @@ from panodepth_ros.matching import METHODS, match, prepare, triangulate_match, w
 from panodepth_ros.mosaic.sweep import panorama_names
 from panodepth_ros.motion.standstill import StillLimits
 from panodepth_ros.nodes.republisher import Republisher
+from panodepth_ros.nodes.worker import Worker
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, Report, publish_diagnostics
 from panodepth_ros.ros.images import to_bgr_or_mono, to_message
@@ -32,6 +32,8 @@ from panodepth_ros.ros.sync import StampMatcher
 from panodepth_ros.scan.beams import ScanSettings, beam_confidence, laser_ranges
 from panodepth_ros.scan.uncertainty import Uncertainty, scan_with_stddev
 
+#: The worker's kind of job: the panoramas of a finished sweep.
+_SWEEP = 'sweep'
 _KINDS = {'image': Image, 'camera_info': CameraInfo}
 
 
@@ -208,12 +210,9 @@ class Depth(Node):
             limits=self._settings.still_limits(),
             promised=self._settings.robot_stands_still,
         )
-        self._work: queue.SimpleQueue[dict[Any, Any] | None] = queue.SimpleQueue()
-        # A daemon, so that a signal between here and the first spin cannot leave it behind.
-        worker = threading.Thread(target=self._match_all, name='matching', daemon=True)
-        worker.start()
-        self._resources.callback(worker.join)
-        self._resources.callback(self._work.put, None)
+        self._passed_over = 0
+        self._worker = Worker('matching', self._run, self._on_failure, (_SWEEP,))
+        self._resources.callback(self._worker.close)
         for topic in topics:
             kind = _KINDS[topic.rpartition('/')[2]]
             self.create_subscription(
@@ -236,20 +235,36 @@ class Depth(Node):
 
     def _on(self, topic: str, message: Any) -> None:
         messages = self._matcher.add(topic, message)
-        if messages is not None:
-            self._republisher.pause(True)
-            self._work.put(messages)
+        if messages is None:
+            return
+        self._republisher.pause(True)
+        if self._worker.put(_SWEEP, messages):
+            self._republisher.pause(False)  # for the sweep that gives its place up
+            self._passed_over += 1
+            self.get_logger().warning(
+                'matching takes longer than sweeps do: only the newest is matched, '
+                f'{self._passed_over} passed over so far'
+            )
 
-    def _match_all(self) -> None:
-        """Match pair after pair in a thread of its own, so that services stay answered."""
-        while (messages := self._work.get()) is not None:
-            try:
-                self._match(messages, self._settings)
-            except ValueError as error:
-                self._outcome = Report(ERROR, f'panoramas refused: {error}')
-                self.get_logger().error(f'panoramas refused, nothing is published: {error}')
-            finally:
-                self._republisher.pause(False)
+    def _run(self, _kind: Hashable, messages: dict[Any, Any]) -> None:
+        """Do the worker's jobs, in a thread of their own, so that services stay answered."""
+        try:
+            self._match(messages, self._settings)
+        finally:
+            self._republisher.pause(False)
+
+    def _on_failure(self, error: Exception) -> None:
+        """Tell of panoramas that came to nothing; the next ones are matched all the same."""
+        if not self.context.ok():
+            return  # shut down meanwhile
+        if isinstance(error, ValueError):
+            what = f'panoramas refused: {error}'
+            self.get_logger().error(f'panoramas refused, nothing is published: {error}')
+        else:
+            what = f'matching failed: {type(error).__name__}: {error}'
+            trace = ''.join(traceback.format_exception(error))
+            self.get_logger().error(f'matching failed, nothing is published: {trace}')
+        self._outcome = Report(ERROR, what)
 
     def _match(self, messages: dict[Any, Any], parameters: DepthParameters) -> None:
         start = time.monotonic()

@@ -14,6 +14,7 @@ from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import Trigger
 
 from panodepth_ros.motion.standstill import Odometry, Standstill, StillLimits
+from panodepth_ros.ros.messages import to_nanoseconds, to_stamp
 
 
 class Republisher:
@@ -22,6 +23,8 @@ class Republisher:
 
     On a timer while ``odom`` proves that the robot has not moved since the end of the sweep, or
     a promise stands for it; by ``~/publish_last`` unless odometry speaks against it.
+    Stamps never go back: a sweep that ended before an older scan was published again is stamped
+    just after that.
 
     Parameters
     ----------
@@ -40,6 +43,7 @@ class Republisher:
         self._standstill = Standstill(limits)
         self._promised = promised
         self._last: Sequence[tuple[Any, Any]] = ()
+        self._newest_again = 0  # stamp of what was last published again [ns]
         self._pauses = 0
         node.create_subscription(
             OdometryMessage, 'odom', self._on_odometry, qos_profile_sensor_data
@@ -57,11 +61,10 @@ class Republisher:
     def take(self, messages: Sequence[tuple[Any, Any]]) -> None:
         """Publish messages of one sweep, each with its publisher, and keep them."""
         with self._lock:
-            for publisher, message in messages:
-                publisher.publish(message)
+            stamp = to_nanoseconds(messages[0][1].header.stamp)
+            self._send(messages, max(stamp, self._newest_again + 1))
             self._last = messages
-            stamp = messages[0][1].header.stamp
-            self._standstill.since(stamp.sec + 1e-9 * stamp.nanosec)
+            self._standstill.since(stamp * 1e-9)
 
     def pause(self, paused: bool) -> None:
         """Hold the timer back while newer scans are made, whose stamps are older than now."""
@@ -108,9 +111,13 @@ class Republisher:
         return response
 
     def _publish(self) -> None:
-        stamp = self._now().to_msg()
-        for publisher, message in self._last:
+        self._newest_again = max(self._now().nanoseconds, self._newest_again + 1)
+        self._send(self._last, self._newest_again)
+
+    def _send(self, messages: Sequence[tuple[Any, Any]], stamp: int) -> None:
+        """Publish messages with another stamp [ns]."""
+        for publisher, message in messages:
             again = copy.copy(message)
             again.header = copy.copy(message.header)
-            again.header.stamp = stamp
+            again.header.stamp = to_stamp(stamp)
             publisher.publish(again)

@@ -17,7 +17,8 @@ class StampMatcher:
     topics : tuple of hashable
         What makes a set complete.
     depth : int
-        Incomplete sets that are kept; the oldest beyond that are given up.
+        Incomplete sets that are kept; the oldest beyond that are given up, and all that are older
+        than a complete one.
     report : callable
         Called with the topics that the newest incomplete set lacks when a later one begins.
     """
@@ -42,7 +43,8 @@ class StampMatcher:
         messages = self._sets.setdefault(stamp, {})
         messages[topic] = message
         if len(messages) == len(self._topics):
-            return self._sets.pop(stamp)
+            self._sets = {key: kept for key, kept in self._sets.items() if key > stamp}
+            return messages
         while len(self._sets) > self._depth:
             del self._sets[min(self._sets)]
         return None

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import threading
 
 import numpy as np
 import pytest
@@ -274,6 +275,7 @@ def test_bad_pair_is_refused_and_the_next_good_one_served(ros, capfd, topic, mak
     message = make()
     message.header = Header(stamp=to_stamp(10**9), frame_id='panodepth')
     bench.send(stamp=1, **{topic: message})
+    ros.spin_until(lambda: 'refused' in bench.depth._outcome.message, 'the refusal')
     bench.send(stamp=2)
     got = bench.results()
     assert [m.header.stamp.sec for m in bench.got['scan']] == [2]
@@ -292,6 +294,48 @@ def test_diagnostics_tell_what_came_of_the_panoramas(ros):
     diagnosis.says(DiagnosticStatus.ERROR, 'panoramas refused: principal_angle')
     bench.send(stamp=2)
     diagnosis.says(DiagnosticStatus.OK, '100% of the pixels and 50% of the beams hold a distance')
+
+
+def test_only_the_newest_sweep_is_matched_when_matching_takes_longer(ros, monkeypatch, capfd):
+    begun, go = threading.Event(), threading.Event()
+
+    def slow(*panoramas, **values):
+        begun.set()
+        go.wait()
+        return match(*panoramas, **values)
+
+    monkeypatch.setattr(depth_module, 'match', slow)
+    bench = Bench(ros, robot_stands_still=True, republish_period=0.0)
+    try:
+        bench.send(stamp=1)
+        ros.spin_until(begun.is_set, 'the matching')
+        for stamp in (2, 3, 4):
+            bench.send(stamp=stamp)
+        ros.spin_until(lambda: bench.depth._passed_over == 2, 'the sweeps that are passed over')
+    finally:
+        go.set()
+    bench.results(2)
+    assert [message.header.stamp.sec for message in bench.got['scan']] == [1, 4]
+    assert 'only the newest is matched, 2 passed over so far' in capfd.readouterr().err
+    ros.spin_until(lambda: bench.depth._republisher._pauses == 0, 'the end of every pause')
+
+
+def test_matching_that_breaks_is_told_and_the_next_sweep_served(ros, monkeypatch, capfd):
+    def broken_once(*panoramas, **values):
+        monkeypatch.setattr(depth_module, 'match', match)
+        raise ZeroDivisionError('a kernel broke')
+
+    monkeypatch.setattr(depth_module, 'match', broken_once)
+    diagnosis = Diagnosis(ros, 'depth: matching')
+    bench = Bench(ros)
+    bench.send(stamp=1)
+    diagnosis.says(DiagnosticStatus.ERROR, 'matching failed: ZeroDivisionError: a kernel broke')
+    bench.send(stamp=2)
+    bench.results()
+    assert [message.header.stamp.sec for message in bench.got['scan']] == [2]
+    said = capfd.readouterr().err
+    assert 'matching failed, nothing is published' in said
+    assert 'broken_once' in said, 'where it broke'
 
 
 def test_further_pairs_and_the_centre_reach_the_matching(ros, monkeypatch):

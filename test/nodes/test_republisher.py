@@ -52,9 +52,10 @@ class Bench:
             lambda: len(self.republisher._standstill._heard) > before, 'the odometry'
         )
 
-    def take(self):
-        header = Header(stamp=self.now().to_msg(), frame_id='panodepth')
-        self.republisher.take([(self.publisher, LaserScan(header=header, ranges=[1.0, 2.0]))])
+    def take(self, stamp=None, *ranges):
+        header = Header(stamp=stamp or self.now().to_msg(), frame_id='panodepth')
+        scan = LaserScan(header=header, ranges=ranges or [1.0, 2.0])
+        self.republisher.take([(self.publisher, scan)])
 
     def standing_until(self, condition):
         self.ros.spin_until(lambda: self.drive() or condition(), 'scans')
@@ -136,3 +137,36 @@ def test_timer_waits_while_a_newer_scan_is_made(ros):
     _nothing_follows(bench, lambda: False)
     bench.republisher.pause(False)
     ros.spin_until(lambda: len(bench.got) >= 2, 'the scan again')
+
+
+def test_timer_waits_for_every_scan_that_is_made(ros):
+    bench = Bench(ros, promised=True)
+    bench.republisher.pause(True)
+    bench.republisher.pause(True)
+    bench.take()
+    ros.spin_until(lambda: bench.got, 'the scan itself')
+    bench.republisher.pause(False)
+    _nothing_follows(bench, lambda: False)
+    bench.republisher.pause(False)
+    ros.spin_until(lambda: len(bench.got) >= 2, 'the scan again')
+
+
+@pytest.mark.parametrize('period', [0.05, 0.0], ids=['timer', 'request'])
+def test_stamps_never_go_back_when_a_sweep_ended_before_the_last_was_published_again(ros, period):
+    bench = Bench(ros, promised=True, period=period)
+    ended = bench.now().to_msg()  # while the older scan is published again
+    bench.take()
+    if not period:
+        assert bench.ask().success
+    ros.spin_until(lambda: len(bench.got) >= 2, 'the scan again')
+    bench.republisher.pause(True)
+    bench.take(ended, 3.0)
+    ros.spin_until(lambda: list(bench.got[-1].ranges) == [3.0], 'the newer scan')
+    bench.republisher.pause(False)
+    count = len(bench.got)
+    if not period:
+        assert bench.ask().success
+    ros.spin_until(lambda: len(bench.got) > count, 'the newer scan again')
+    stamps = [to_nanoseconds(scan.header.stamp) for scan in bench.got]
+    assert stamps == sorted(set(stamps))
+    assert list(bench.got[-1].ranges) == [3.0]

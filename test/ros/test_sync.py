@@ -49,3 +49,21 @@ def test_oldest_incomplete_set_is_given_up():
         matcher.add('a', message(stamp))
     assert matcher.add('b', message(1)) is None, 'it was given up'
     assert matcher.add('b', message(3)) is not None
+
+
+def test_incomplete_set_is_forgotten_once_a_later_one_is_complete():
+    lacking = []
+    matcher = StampMatcher(('a', 'b'), depth=4, report=lacking.append)
+    matcher.add('a', message(1))
+    for stamp in (2, 3, 4):
+        matcher.add('a', message(stamp))
+        assert matcher.add('b', message(stamp)) is not None
+    assert lacking == [['b']]
+    assert matcher.add('b', message(1)) is None
+
+
+def test_complete_set_leaves_later_ones_alone():
+    matcher = StampMatcher(('a', 'b'), depth=4)
+    for topic, stamp in (('a', 1), ('a', 2), ('b', 1)):
+        matcher.add(topic, message(stamp))
+    assert matcher.add('b', message(2)) is not None
