@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from panodepth_ros.bag.storage import BagError, read
 from panodepth_ros.geometry import PinholeCamera
-from panodepth_ros.mosaic import ArmTrack, Assembler, Rig
+from panodepth_ros.mosaic import ArmTrack, Assembler, Rig, Sweep
 from panodepth_ros.ros.images import to_bgr_or_mono
+from panodepth_ros.ros.messages import joint_reading, pinhole_camera, to_nanoseconds
 
 #: As the mosaicer's defaults.
 _TOLERANCE, _LONGEST_GAP = math.radians(0.002), 1_000_000_000
@@ -84,16 +85,15 @@ def read_sweep(
 
     assembler.taken = take
     for topic, _, message in read(path, [image, joint_states]):
-        stamp = int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
-        if topic == image:
-            finished = assembler.add_frame(stamp, to_bgr_or_mono(message))
-        elif joint_name in message.name:
-            index = list(message.name).index(joint_name)
-            velocity = float(message.velocity[index]) if len(message.velocity) > index else None
-            position = float(message.position[index])
-            finished = assembler.add_joint_state(stamp, position, velocity)
-        else:
-            continue
+        finished: list[Sweep] = []
+        try:
+            if topic == image:
+                stamp = to_nanoseconds(message.header.stamp)
+                finished = assembler.add_frame(stamp, to_bgr_or_mono(message))
+            elif (reading := joint_reading(message, joint_name)) is not None:
+                finished = assembler.add_joint_state(*reading)
+        except ValueError as error:
+            assembler.drops[str(error)] += 1
         if finished:
             break
     if not frames:
@@ -106,24 +106,17 @@ def read_sweep(
 
 
 def _camera(path: Path, topic: str, view_angle: float | None) -> PinholeCamera:
-    info: Any = next(message for _, _, message in read(path, [topic]))
+    info: Any = next((message for _, _, message in read(path, [topic])), None)
+    if info is None:
+        raise BagError(f'bag {path} holds no message of {topic}')
     if view_angle is None:
-        return PinholeCamera(
-            width=int(info.width),
-            height=int(info.height),
-            fx=float(info.k[0]),
-            fy=float(info.k[4]),
-            cx=float(info.k[2]),
-            cy=float(info.k[5]),
-            distortion_model=info.distortion_model or 'plumb_bob',
-            distortion=tuple(float(value) for value in info.d),
-        )
-    focal_length = 0.5 * int(info.width) / math.tan(0.5 * view_angle)
+        return pinhole_camera(info)
+    focal_length = 0.5 * info.width / math.tan(0.5 * view_angle)
     return PinholeCamera(
-        width=int(info.width),
-        height=int(info.height),
+        width=info.width,
+        height=info.height,
         fx=focal_length,
         fy=focal_length,
-        cx=0.5 * (int(info.width) - 1),
-        cy=0.5 * (int(info.height) - 1),
+        cx=0.5 * (info.width - 1),
+        cy=0.5 * (info.height - 1),
     )

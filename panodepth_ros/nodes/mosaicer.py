@@ -20,7 +20,13 @@ from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, WARN, Report, publish_diagnostics
 from panodepth_ros.ros.images import decompressed, to_bgr_or_mono, to_message
-from panodepth_ros.ros.messages import panorama_info, pinhole_camera, to_nanoseconds, to_stamp
+from panodepth_ros.ros.messages import (
+    joint_reading,
+    panorama_info,
+    pinhole_camera,
+    to_nanoseconds,
+    to_stamp,
+)
 from panodepth_ros.ros.parameters import declare_parameters
 from panodepth_ros.ros.process import run_node
 
@@ -127,16 +133,14 @@ class Mosaicer(Node):
         self._advance()
 
     def _on_joint_state(self, message: JointState) -> None:
-        if self._settings.joint_name not in message.name:
+        try:
+            reading = joint_reading(message, self._settings.joint_name)
+        except ValueError as error:
+            self._assembler.drops[str(error)] += 1
             return
-        index = list(message.name).index(self._settings.joint_name)
-        if index >= len(message.position):
-            self._assembler.drops['joint state without a position'] += 1
-            return
-        velocity = message.velocity[index] if index < len(message.velocity) else None
-        stamp = to_nanoseconds(message.header.stamp)
-        self._publish(self._assembler.add_joint_state(stamp, message.position[index], velocity))
-        self._advance()
+        if reading is not None:
+            self._publish(self._assembler.add_joint_state(*reading))
+            self._advance()
 
     # --- services -----------------------------------------------------------------------------
 

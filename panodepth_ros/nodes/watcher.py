@@ -22,7 +22,7 @@ from panodepth_ros.mosaic.builder import SweepBuilder
 from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.images import to_array, to_bgr_or_mono
-from panodepth_ros.ros.messages import pinhole_camera, to_nanoseconds
+from panodepth_ros.ros.messages import joint_reading, pinhole_camera, to_nanoseconds
 
 #: Upper end of the depth picture's colours [m].
 _FARTHEST = 5.0
@@ -204,13 +204,15 @@ class Watcher(Node):
         self._finish(self._assembler.add_frame(to_nanoseconds(message.header.stamp), image))
 
     def _on_joint_state(self, message: JointState) -> None:
-        states = dict(zip(message.name, range(len(message.position)), strict=False))
-        index = states.get(self._joint_name)
-        if self._assembler is None or index is None:
+        if self._assembler is None:
             return
-        velocity = message.velocity[index] if index < len(message.velocity) else None
-        stamp = to_nanoseconds(message.header.stamp)
-        self._finish(self._assembler.add_joint_state(stamp, message.position[index], velocity))
+        try:
+            reading = joint_reading(message, self._joint_name)
+        except ValueError as error:
+            self._assembler.drops[str(error)] += 1
+            return
+        if reading is not None:
+            self._finish(self._assembler.add_joint_state(*reading))
 
     def _finish(self, sweeps: list[Sweep]) -> None:
         """Keep the last sweep that came to its end, and say how things stand."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from panodepth_ros.scan.beams import ScanSettings
 
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
-    from sensor_msgs.msg import CameraInfo, LaserScan
+    from sensor_msgs.msg import CameraInfo, JointState, LaserScan
     from std_msgs.msg import Header
 
 #: ``distortion_model`` of a panorama.
@@ -56,6 +56,45 @@ def pinhole_camera(info: CameraInfo) -> PinholeCamera:
         cy=float(k[5]),
         distortion_model=info.distortion_model or 'plumb_bob',
         distortion=tuple(float(value) for value in info.d),
+    )
+
+
+class JointReading(NamedTuple):
+    """
+    What a joint state tells of one joint.
+
+    Attributes
+    ----------
+    stamp : int
+        When the position was read [ns].
+    position : float
+        [rad]
+    velocity : float or None
+        [rad/s]; None if the message does not tell it.
+    """
+
+    stamp: int
+    position: float
+    velocity: float | None
+
+
+def joint_reading(message: JointState, name: str) -> JointReading | None:
+    """
+    Read one joint of a joint state, None if the message is of other joints.
+
+    Raises
+    ------
+    ValueError
+        If the message names the joint, but has no position for it.
+    """
+    if name not in message.name:
+        return None
+    index = list(message.name).index(name)
+    if index >= len(message.position):
+        raise ValueError('joint state without a position')
+    velocity = float(message.velocity[index]) if index < len(message.velocity) else None
+    return JointReading(
+        to_nanoseconds(message.header.stamp), float(message.position[index]), velocity
     )
 
 

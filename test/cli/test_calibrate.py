@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +21,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / 'tools'))
 
 import data_to_bag
 
+from panodepth_ros.bag import BagWriter, read
+from panodepth_ros.bag.storage import rosbags
 from panodepth_ros.calibration import Given, self_calibrate
 from panodepth_ros.camera.calibration import read_calibration
 from panodepth_ros.camera.simulated import RealCamera, RoomCamera, furnished_room
@@ -137,6 +141,42 @@ def test_bag_without_a_sweep_is_refused(
 ) -> None:
     assert main(['calibrate', str(bag), *options]) == 1
     assert sentence in capsys.readouterr().err
+
+
+def rewritten(bag: Path, path: Path, change: Callable[[str, Any], Any]) -> Path:
+    """The bag with changed messages, and without those that change to None."""
+    store = rosbags('typesys').get_typestore(rosbags('typesys').Stores.ROS2_JAZZY)
+    with BagWriter(path) as writer:
+        for topic, kind in data_to_bag.TOPICS.items():
+            writer.add_topic(topic, kind, store)
+        for topic, time, message in read(bag):
+            changed = change(topic, message)
+            if changed is not None:
+                kind = data_to_bag.TOPICS[topic]
+                writer.write(topic, time, store.serialize_cdr(changed, kind))
+    return path
+
+
+def test_topic_without_messages_is_told(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = rewritten(bag, tmp_path / 'bag', lambda t, m: None if t == '/camera_info' else m)
+    assert main(['calibrate', str(path)]) == 1
+    assert 'bag holds no message of /camera_info' in capsys.readouterr().err
+
+
+def test_joint_states_without_a_position_are_counted(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def shortened(topic: str, message: Any) -> Any:
+        if topic == '/joint_states':
+            message.position = message.position[:0]
+        return message
+
+    assert main(['calibrate', str(rewritten(bag, tmp_path / 'bag', shortened))]) == 1
+    said = capsys.readouterr().err
+    assert 'holds no frame of a standing arm' in said
+    assert '750 × joint state without a position' in said
 
 
 def test_impossible_options_are_refused(capsys: pytest.CaptureFixture[str]) -> None:

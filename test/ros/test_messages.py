@@ -5,11 +5,12 @@ import math
 
 import numpy as np
 import pytest
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, JointState
 from std_msgs.msg import Header
 
 from panodepth_ros.geometry import PanoramaGeometry
 from panodepth_ros.ros.messages import (
+    joint_reading,
     laser_scan,
     panorama_geometry,
     panorama_info,
@@ -136,3 +137,15 @@ def test_scan_has_the_form_that_every_consumer_takes(beams):
     assert step == np.float32(2 * math.pi / beams)
     assert round(float((high - low) / step)) + 1 == beams
     assert high < math.pi
+
+
+def test_joint_is_found_by_its_name():
+    message = JointState(name=['wheel', 'arm'], position=[1.0, 2.0], velocity=[3.0, 4.0])
+    message.header.stamp = to_stamp(5_000_000_006)
+    assert joint_reading(message, 'arm') == (5_000_000_006, 2.0, 4.0)
+    assert joint_reading(message, 'leg') is None
+    message.velocity = [3.0]
+    assert joint_reading(message, 'arm') == (5_000_000_006, 2.0, None)
+    message.position = [1.0]
+    with pytest.raises(ValueError, match='joint state without a position'):
+        joint_reading(message, 'arm')
