@@ -13,14 +13,12 @@ import numpy.typing as npt
 
 from panodepth_ros.bag import BagError, read
 from panodepth_ros.bag.storage import opened
+from panodepth_ros.cli.sweeps import PAIR, bag_of, last_sweep
 from panodepth_ros.geometry import PanoramaGeometry
 from panodepth_ros.ros.images import to_array, to_bgr_or_mono
-from panodepth_ros.ros.messages import panorama_geometry, to_nanoseconds
+from panodepth_ros.ros.messages import panorama_geometry
 
-_PANORAMAS = (
-    *('left/image', 'left/camera_info', 'right/image', 'right/camera_info'),
-    *('depth/image', 'depth/confidence'),
-)
+_TOPICS = (*PAIR, 'depth/image', 'depth/confidence', 'scan')
 _WARNING = re.compile(r'\[(WARN|ERROR|FATAL)\]')
 #: From this level on, an entry of /rosout is a warning.
 _ROSOUT_WARN = 30
@@ -73,17 +71,16 @@ def load(path: Path) -> Recording:
     BagError
         If there is no bag, it is damaged, or it holds no complete sweep.
     """
-    is_demo = (path / 'scan.json').is_file() and (path / 'bag').is_dir()
-    bag = path / 'bag' if is_demo else path
+    bag = bag_of(path)
     with opened(bag) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
-    namespace = _namespace(bag, counts)
-    names = {f'{namespace}{topic}': topic for topic in (*_PANORAMAS, 'scan')}
-    if '/rosout' in counts:
-        names['/rosout'] = '/rosout'
-    messages, scan, received, log = _last_sweep(bag, names)
-    warnings = [line for line in log if _WARNING.search(line)]
-    if is_demo:
+    sweep = last_sweep(bag, _TOPICS, _namespace(bag, counts))
+    messages = {topic: message for topic, (_, message) in sweep.items()}
+    received = {topic: time for topic, (time, _) in sweep.items()}
+    log = _rosout(bag) if '/rosout' in counts else []
+    warnings = log.copy()
+    about = path / 'scan.json'
+    if bag != path:
         for file in sorted((path / 'log').glob('*.log')):
             lines = file.read_text(errors='replace').splitlines()
             log += [f'{file.stem}: {line}' for line in lines]
@@ -96,10 +93,10 @@ def load(path: Path) -> Recording:
             geometry=panorama_geometry(messages['left/camera_info']),
             depth=to_array(messages['depth/image']),
             confidence=to_array(messages['depth/confidence']),
-            scan=scan,
+            scan=messages['scan'],
             matching_time=(received['scan'] - panoramas) / 1e9,
             counts=counts,
-            about=json.loads((path / 'scan.json').read_text()) if is_demo else {},
+            about=json.loads(about.read_text()) if bag != path and about.is_file() else {},
             warnings=warnings,
             log=log,
         )
@@ -115,39 +112,15 @@ def _namespace(bag: Path, topics: dict[str, int]) -> str:
     if len(found) != 1:
         raise BagError(
             f'{bag} has {len(found)} topics that end with /depth/image; allowed: 1, recorded with '
-            f'{", ".join((*_PANORAMAS, "scan"))}'
+            f'{", ".join(_TOPICS)}'
         )
     return found[0]
 
 
-def _last_sweep(
-    bag: Path, names: dict[str, str]
-) -> tuple[dict[str, Any], Any, dict[str, int], list[str]]:
-    """Return the panoramas' messages, the scan, times of reception, and lines of /rosout."""
-    sweeps: dict[int, dict[str, tuple[int, Any]]] = {}
-    scans: dict[int, tuple[int, Any]] = {}
-    log: list[str] = []
-    for full_name, time, message in read(bag, tuple(names)):
-        topic = names[full_name]
-        if topic == '/rosout':
-            level = 'WARN' if message.level == _ROSOUT_WARN else 'ERROR'
-            if message.level >= _ROSOUT_WARN:
-                log.append(f'[{level}] {message.name}: {message.msg}')
-            continue
-        stamp = to_nanoseconds(message.header.stamp)
-        if topic == 'scan':
-            scans.setdefault(stamp, (time, message))
-        else:
-            sweeps.setdefault(stamp, {})[topic] = (time, message)
-    complete = [
-        stamp
-        for stamp, found in sweeps.items()
-        if len(found) == len(_PANORAMAS) and stamp in scans
+def _rosout(bag: Path) -> list[str]:
+    """Warnings and errors that the nodes logged."""
+    return [
+        f'[{"WARN" if message.level == _ROSOUT_WARN else "ERROR"}] {message.name}: {message.msg}'
+        for _, _, message in read(bag, ['/rosout'])
+        if message.level >= _ROSOUT_WARN
     ]
-    if not complete:
-        raise BagError(
-            f'{bag} holds no complete sweep: {", ".join(_PANORAMAS)} and scan of one stamp'
-        )
-    sweep, (time, scan) = sweeps[max(complete)], scans[max(complete)]
-    received = {topic: at for topic, (at, _) in sweep.items()} | {'scan': time}
-    return {topic: message for topic, (_, message) in sweep.items()}, scan, received, log

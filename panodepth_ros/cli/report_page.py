@@ -292,11 +292,13 @@ def _accuracy(accuracy: dict[str, dict[str, float]] | None) -> str:
 
 def _timings(recording: Recording) -> str:
     geometry, counts = recording.geometry, recording.counts
+    seen = int(geometry.seen.sum())
+    column_time = geometry.sweep_duration / seen * 1000 if seen else math.nan
     rows = [
         ('sweep, first to last column', f'{geometry.sweep_duration:.1f} s'),
-        ('a column', f'{geometry.sweep_duration / geometry.columns * 1000:.0f} ms'),
+        ('a column', f'{column_time:.0f} ms'),
         ('panoramas received to scan received', f'{recording.matching_time:.2f} s'),
-        ('columns seen', f'{geometry.seen.sum()} of {geometry.columns}'),
+        ('columns seen', f'{seen} of {geometry.columns}'),
     ]
     messages = _table(
         [(markup.escape(topic), str(count)) for topic, count in sorted(counts.items())]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,10 @@ from panodepth_ros.bag import BagError, read
 from panodepth_ros.geometry import Panorama, check_pair
 from panodepth_ros.matching import METHODS
 from panodepth_ros.ros.images import to_bgr_or_mono
-from panodepth_ros.ros.messages import panorama_geometry
+from panodepth_ros.ros.messages import panorama_geometry, to_nanoseconds
 
-_TOPICS = ('left/image', 'left/camera_info', 'right/image', 'right/camera_info')
+#: Topics of a pair.
+PAIR = ('left/image', 'left/camera_info', 'right/image', 'right/camera_info')
 
 
 def share(text: str) -> float:
@@ -47,6 +49,51 @@ def add_sweep_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--threads', type=int, default=1, metavar='N', help='(%(default)s)')
 
 
+def bag_of(path: Path) -> Path:
+    """Return the bag in the folder of a demo; any other path is the bag."""
+    return path / 'bag' if (path / 'bag' / 'metadata.yaml').is_file() else path
+
+
+def last_sweep(
+    bag: Path, topics: Collection[str], namespace: str = ''
+) -> dict[str, tuple[int, Any]]:
+    """
+    Read the last messages of one stamp.
+
+    Parameters
+    ----------
+    bag : Path
+        The bag.
+    topics : collection of str
+        Topics of which there must be a message of that stamp.
+    namespace : str
+        Of these topics.
+
+    Returns
+    -------
+    dict
+        Topic, as given, to the time of reception [ns] and the message.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read or holds no such messages.
+    """
+    prefix = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
+    names = {f'{prefix}/{topic}': topic for topic in topics}
+    incomplete: dict[int, dict[str, tuple[int, Any]]] = {}
+    sweep: dict[str, tuple[int, Any]] | None = None
+    for topic, received, message in read(bag, names):
+        stamp = to_nanoseconds(message.header.stamp)
+        messages = incomplete.setdefault(stamp, {})
+        messages[names[topic]] = (received, message)
+        if len(messages) == len(names):
+            sweep = incomplete.pop(stamp)
+    if sweep is None:
+        raise BagError(f'bag {bag} holds no complete sweep: no {", ".join(names)} of one stamp')
+    return sweep
+
+
 def read_pair(path: Path, namespace: str = '') -> tuple[Panorama, Panorama]:
     """
     Read the last sweep of a bag.
@@ -70,23 +117,11 @@ def read_pair(path: Path, namespace: str = '') -> tuple[Panorama, Panorama]:
     ValueError
         If the messages are no pair of panoramas.
     """
-    if (path / 'bag' / 'metadata.yaml').is_file():
-        path = path / 'bag'
-    prefix = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
-    names = {f'{prefix}/{topic}': topic for topic in _TOPICS}
-    unpaired: dict[tuple[int, int], dict[str, Any]] = {}
-    pair: dict[str, Any] | None = None
-    for topic, _, message in read(path, names):
-        stamp = (message.header.stamp.sec, message.header.stamp.nanosec)
-        messages = unpaired.setdefault(stamp, {})
-        messages[names[topic]] = message
-        if len(messages) == len(_TOPICS):
-            pair = unpaired.pop(stamp)
-    if pair is None:
-        raise BagError(f'bag {path} holds no {", ".join(names)} of one stamp')
+    found = last_sweep(bag_of(path), PAIR, namespace)
     left, right = (
         Panorama(
-            to_bgr_or_mono(pair[f'{eye}/image']), panorama_geometry(pair[f'{eye}/camera_info'])
+            to_bgr_or_mono(found[f'{eye}/image'][1]),
+            panorama_geometry(found[f'{eye}/camera_info'][1]),
         )
         for eye in ('left', 'right')
     )

@@ -179,7 +179,7 @@ def test_bag_without_panoramas_is_refused(capsys, tmp_path, command):
     assert 'has no topic /left/camera_info' in failed(capsys, command, str(raw), *output)
     half = write_panoramas(tmp_path / 'half', [panorama_pair(noise(1), DX)[:1]])
     said = failed(capsys, command, str(half), *output)
-    assert 'holds no /left/image, /left/camera_info, /right/image' in said
+    assert 'holds no complete sweep: no /left/image, /left/camera_info, /right/image' in said
     twice = write_panoramas(tmp_path / 'twice', [panorama_pair(noise(1), DX)[:1] * 2])
     assert 'principal_angle is' in failed(capsys, command, str(twice), *output)
     assert not (tmp_path / 'new').exists()

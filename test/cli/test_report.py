@@ -51,6 +51,13 @@ def test_page_of_a_bag_holds_its_depth_and_its_numbers(tmp_path):
     assert 'The recording holds no log.' in body
 
 
+def test_time_of_a_column_is_that_of_the_columns_seen(tmp_path):
+    # 12.5 s for 25 of 90 columns.
+    text = reported(bag_of(tmp_path / 'bag', sweep_messages(7, seen=25)), tmp_path / 'report.html')
+    assert '<td>a column</td><td>500 ms</td>' in text
+    assert '<td>25 of 90</td>' in text
+
+
 def test_page_loads_nothing_from_elsewhere(tmp_path):
     text = reported(bag_of(tmp_path / 'bag', sweep_messages(7)), tmp_path / 'report.html')
     body = body_of(text)
