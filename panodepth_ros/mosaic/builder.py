@@ -108,6 +108,10 @@ class SweepBuilder(ABC, Generic[AnyTrack]):
         self._pending.clear()
         self._not_before = not_before
 
+    def rest(self, not_before: int) -> None:
+        """Restart at a time, unless a later one was named before."""
+        self.restart(max(self._not_before, not_before))
+
     def add_joint_state(self, stamp: int, position: float, velocity: float | None) -> list[Sweep]:
         """
         Take one joint state, and place the frames it decides.

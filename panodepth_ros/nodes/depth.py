@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 import traceback
 from collections.abc import Hashable
@@ -18,8 +17,8 @@ from std_msgs.msg import Header
 from panodepth_ros.geometry import Panorama, check_pair, distance_stddev
 from panodepth_ros.matching import METHODS, match, prepare, triangulate_match, window_geometry
 from panodepth_ros.mosaic.sweep import panorama_names
-from panodepth_ros.motion.standstill import StillLimits
 from panodepth_ros.nodes.republisher import Republisher
+from panodepth_ros.nodes.still_settings import StillParameters
 from panodepth_ros.nodes.worker import Worker
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, Report, publish_diagnostics
@@ -38,7 +37,7 @@ _KINDS = {'image': Image, 'camera_info': CameraInfo}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DepthParameters:
+class DepthParameters(StillParameters):
     """Parameters of the depth node."""
 
     method: str = parameter(
@@ -131,22 +130,6 @@ class DepthParameters:
         'Promise that the robot never moves, which makes odometry unnecessary',
         live=True,
     )
-    still_distance: float = parameter(
-        0.01,
-        'Change of position in odom since the sweep that counts as standing',
-        unit='m',
-        bounds=(0.0, 1.0),
-        live=True,
-    )
-    still_turn_deg: float = parameter(
-        0.3, 'The same for the heading', unit='°', bounds=(0.0, 10.0), live=True
-    )
-    still_speed: float = parameter(
-        0.01, 'Speed in odom that counts as standing', unit='m/s', bounds=(0.0, 1.0), live=True
-    )
-    still_turn_rate_deg: float = parameter(
-        1.0, 'The same for turning', unit='°/s', bounds=(0.0, 90.0), live=True
-    )
 
     def __post_init__(self) -> None:
         self.scan_settings()
@@ -158,15 +141,6 @@ class DepthParameters:
             doubtful_disparity=self.doubtful_stddev_columns,
             focal_length=self.focal_length_stddev,
             arm_radius=self.arm_radius_stddev,
-        )
-
-    def still_limits(self) -> StillLimits:
-        """Return what counts as standing."""
-        return StillLimits(
-            distance=self.still_distance,
-            turn=math.radians(self.still_turn_deg),
-            speed=self.still_speed,
-            turn_rate=math.radians(self.still_turn_rate_deg),
         )
 
     def scan_settings(self) -> ScanSettings:

@@ -17,6 +17,7 @@ from panodepth_ros.mosaic.clock import DelayCheck
 from panodepth_ros.mosaic.sweep import panorama_names
 from panodepth_ros.nodes.leading import Leader, SpinLeader, StepLeader
 from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
+from panodepth_ros.nodes.robot_watch import RobotWatch
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, WARN, Report, publish_diagnostics
 from panodepth_ros.ros.images import decompressed, to_bgr_or_mono, to_message
@@ -64,6 +65,9 @@ class Mosaicer(Node):
             )
         self._progress_publisher = self.create_publisher(Float32, '~/progress', 10)
         self._leader = self._make_leader()
+        self._robot = RobotWatch(
+            self, self._assembler, self._settings, lambda: self._publish([]), self._give_up
+        )
         self.create_subscription(
             JointState, 'joint_states', self._on_joint_state, qos.JOINT_STATES
         )
@@ -98,6 +102,7 @@ class Mosaicer(Node):
         if not self._leading or builder.sweep is not None:
             builder.rig = parameters.rig()  # else a led sweep waits for its first frame
         self._delay_check = DelayCheck()
+        self._robot.configure(parameters)
         self._settings = parameters
 
     # --- data ---------------------------------------------------------------------------------
@@ -172,7 +177,7 @@ class Mosaicer(Node):
             return f'no joint state of {self._settings.joint_name} received yet'
         if self._leader.missing_service:
             return f'the service {self._leader.missing_service} is not there'
-        return ''
+        return self._robot.why_not_start()
 
     def _on_cancel(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self._leading or self._assembler.sweep is not None
@@ -203,6 +208,7 @@ class Mosaicer(Node):
 
     def _give_up(self, reason: str) -> None:
         self._delay_check = DelayCheck()
+        self._robot.forget()
         self._assembler.restart((self._assembler.track.newest or 0) + 1)
         self._stop_leading()
         self._publish_progress(math.nan)
@@ -218,6 +224,7 @@ class Mosaicer(Node):
             'columns': int(sweep.seen.sum()) if sweep is not None else 0,
             'sweep_columns': self._assembler.rig.sweep_columns,
             'last_end': self._last_end,
+            'robot': self._robot.state,
         }
         values |= {f'dropped, {why}': count for why, count in self._assembler.drops.items()}
         return Report(level, text, values)
@@ -238,7 +245,7 @@ class Mosaicer(Node):
     # --- results ------------------------------------------------------------------------------
 
     def _publish(self, sweeps: list[Sweep]) -> None:
-        for sweep in sweeps:
+        for sweep in self._robot.passed(sweeps, self._leading):
             if not self._settings.free_running:
                 self._stop_leading()
             self._publish_progress(1.0)

@@ -10,11 +10,12 @@ from panodepth_ros.geometry import Mounting
 from panodepth_ros.mosaic import ArmMotion, ArmTrack, Assembler, ContinuousAssembler, Rig
 from panodepth_ros.mosaic.builder import SweepBuilder
 from panodepth_ros.mosaic.sweep import columns_per_turn
+from panodepth_ros.nodes.still_settings import StillParameters
 from panodepth_ros.ros.parameters import parameter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MosaicerParameters:
+class MosaicerParameters(StillParameters):
     """Parameters of the mosaicer."""
 
     lead: bool = parameter(
@@ -140,6 +141,15 @@ class MosaicerParameters:
         'Time without a frame after which the camera is reported',
         unit='s',
         bounds=(0.1, 60.0),
+    )
+    robot_motion: str = parameter(
+        'heed',
+        'What odom and cmd_vel are for: heed gives up a sweep during which they tell that the '
+        'robot moves, require also one of which odom does not prove that it stands',
+        choices=('ignore', 'heed', 'require'),
+    )
+    stamped_cmd_vel: bool = parameter(
+        False, 'Whether cmd_vel is TwistStamped, as in Kilted and later, or Twist'
     )
 
     def __post_init__(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 import threading
 from collections.abc import Sequence
 from typing import Any
@@ -13,8 +12,8 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import Trigger
 
-from panodepth_ros.motion.standstill import Odometry, Standstill, StillLimits
-from panodepth_ros.ros.messages import to_nanoseconds, to_stamp
+from panodepth_ros.motion.standstill import Standstill, StillLimits
+from panodepth_ros.ros.messages import odometry, to_nanoseconds, to_stamp
 
 
 class Republisher:
@@ -72,19 +71,8 @@ class Republisher:
             self._pauses += 1 if paused else -1
 
     def _on_odometry(self, message: OdometryMessage) -> None:
-        pose, twist, stamp = message.pose.pose, message.twist.twist, message.header.stamp
-        q = pose.orientation
-        odometry = Odometry(
-            time=stamp.sec + 1e-9 * stamp.nanosec,
-            frame=message.header.frame_id,
-            x=pose.position.x,
-            y=pose.position.y,
-            yaw=math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2)),
-            speed=math.hypot(twist.linear.x, twist.linear.y),
-            turn_rate=abs(twist.angular.z),
-        )
         with self._lock:
-            self._standstill.add(odometry)
+            self._standstill.add(odometry(message))
 
     def _doubt(self) -> str:
         return '' if self._promised else self._standstill.doubt(self._now().nanoseconds * 1e-9)

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from panodepth_ros.geometry import PanoramaGeometry, PinholeCamera
+from panodepth_ros.motion.standstill import Odometry
 from panodepth_ros.scan.beams import ScanSettings
 
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
+    from nav_msgs.msg import Odometry as OdometryMessage
     from sensor_msgs.msg import CameraInfo, JointState, LaserScan
     from std_msgs.msg import Header
 
@@ -35,6 +37,21 @@ def to_stamp(nanoseconds: int) -> Time:
 
     sec, nanosec = divmod(nanoseconds, 1_000_000_000)
     return Time(sec=sec, nanosec=nanosec)
+
+
+def odometry(message: OdometryMessage) -> Odometry:
+    """Return pose and velocities of a robot on the ground."""
+    pose, twist, stamp = message.pose.pose, message.twist.twist, message.header.stamp
+    q = pose.orientation
+    return Odometry(
+        time=stamp.sec + 1e-9 * stamp.nanosec,
+        frame=message.header.frame_id,
+        x=pose.position.x,
+        y=pose.position.y,
+        yaw=math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2)),
+        speed=math.hypot(twist.linear.x, twist.linear.y),
+        turn_rate=abs(twist.angular.z),
+    )
 
 
 def pinhole_camera(info: CameraInfo) -> PinholeCamera:

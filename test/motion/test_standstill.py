@@ -81,3 +81,59 @@ def test_never_any_odometry():
     standstill.since(1.0)
     assert not standstill.heard
     assert standstill.doubt(1.0) == 'there is no odometry'
+
+
+def test_odometry_from_the_future_proves_nothing():
+    standstill, now = watched()
+    assert standstill.doubt(now - 0.9) == ''
+    assert 'stamped 5.0 s ahead of the clock' in standstill.doubt(now - 5.0)
+    standstill.add(dataclasses.replace(HERE, time=now + 0.5))
+    assert 'ahead' in standstill.doubt(now + 0.5), 'the doubt stays'
+
+
+def heeding(*changes, since=10.0):
+    standstill = Standstill(LIMITS, proof=False)
+    standstill.since(since)
+    for change in changes:
+        standstill.add(dataclasses.replace(HERE, **change))
+    return standstill.told
+
+
+@pytest.mark.parametrize(
+    'changes',
+    [
+        (),
+        ({'time': 10.0}, {'time': 100.0}),
+        ({'time': 10.0}, {'time': 11.0, 'x': 9.0, 'frame': 'odom2'}),
+        ({'time': 10.0}, {'time': 1.0, 'x': 9.0}),
+    ],
+    ids=['none', 'silence', 'another frame', 'back in time'],
+)
+def test_without_need_of_proof_only_motion_is_a_doubt(changes):
+    assert heeding(*changes) == ''
+
+
+@pytest.mark.parametrize(
+    'changes',
+    [
+        ({'time': 10.0, 'speed': 0.5},),
+        ({'time': 10.0}, {'time': 100.0, 'x': 3.1}),
+        (
+            {'time': 10.0},
+            {'time': 11.0, 'x': 9.0, 'frame': 'b'},
+            {'time': 12.0, 'x': 9.1, 'frame': 'b'},
+        ),
+    ],
+    ids=['velocity of the first', 'after silence', 'in another frame'],
+)
+def test_without_need_of_proof_motion_is_a_doubt_still(changes):
+    assert 'the robot' in heeding(*changes)
+
+
+@pytest.mark.parametrize(('heard', 'doubt'), [(9.5, True), (5.0, False)])
+def test_without_need_of_proof_the_last_odometry_before_counts_if_it_is_near(heard, doubt):
+    standstill = Standstill(LIMITS, proof=False)
+    standstill.add(dataclasses.replace(HERE, time=heard))
+    standstill.add(dataclasses.replace(HERE, time=10.1, x=3.1))
+    standstill.since(10.0)
+    assert bool(standstill.told) == doubt
