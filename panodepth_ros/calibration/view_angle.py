@@ -55,7 +55,7 @@ def by_equation_1(tracks: Tracks, camera: PinholeCamera) -> Array:
     Returns
     -------
     ndarray of float64, shape (T,)
-        [rad]; NaN for points seen less than twice there.
+        [rad]; NaN for points seen less than three times there.
 
     Notes
     -----

@@ -17,7 +17,7 @@ from urllib.parse import unquote, urlsplit
 
 import yaml
 
-from panodepth_ros.geometry.camera import DISTORTION_MODELS
+from panodepth_ros.geometry.camera import DISTORTION_MODELS, PinholeCamera
 
 #: A calibration has 1 kB; what is much longer is something else [bytes].
 LARGEST_FILE = 65536
@@ -62,27 +62,16 @@ class Calibration:
     projection_matrix: tuple[float, ...]
 
     @classmethod
-    def of_pinhole(
-        cls,
-        *,
-        image_width: int,
-        image_height: int,
-        fx: float,
-        fy: float,
-        cx: float,
-        cy: float,
-        camera_name: str,
-        distortion_model: str = 'plumb_bob',
-        distortion: tuple[float, ...] = (0.0,) * 5,
-    ) -> Calibration:
-        """Calibration of a pinhole camera with its lens distortion, by default none."""
+    def of_pinhole(cls, camera: PinholeCamera, camera_name: str) -> Calibration:
+        """Calibration of a pinhole camera with its lens; the mounting is not part of it."""
+        fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
         return cls(
-            image_width=image_width,
-            image_height=image_height,
+            image_width=camera.width,
+            image_height=camera.height,
             camera_name=camera_name,
             camera_matrix=(fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),
-            distortion_model=distortion_model,
-            distortion_coefficients=distortion,
+            distortion_model=camera.distortion_model,
+            distortion_coefficients=camera.distortion or (0.0,) * 5,
             rectification_matrix=_IDENTITY,
             projection_matrix=(fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0),
         )

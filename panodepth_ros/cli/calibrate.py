@@ -104,7 +104,8 @@ def run(arguments: argparse.Namespace) -> int:
         found = self_calibrate(sweep.frames, sweep.arm_azimuth, sweep.camera, given)
         print(report(sweep, found, view_angle=arguments.view_angle))
         if arguments.output:
-            write_calibration(calibration_of(found, arguments.camera_name), arguments.output)
+            calibration = Calibration.of_pinhole(found.camera, arguments.camera_name)
+            write_calibration(calibration, arguments.output)
             print(f'wrote {arguments.output}: camera_info_url file://{arguments.output.resolve()}')
         if arguments.parameters:
             arguments.parameters.write_text(mounting_parameters(found))
@@ -148,22 +149,6 @@ def report(sweep: RecordedSweep, found: SelfCalibration, *, view_angle: bool) ->
 
 def _text(estimate: Estimate, factor: float = 1.0, unit: str = 'px') -> str:
     return f'{factor * estimate.value:10.4f} ± {factor * estimate.deviation:.4f} {unit}'.rstrip()
-
-
-def calibration_of(found: SelfCalibration, camera_name: str) -> Calibration:
-    """Return the camera as a calibration file holds it; the mounting is not part of it."""
-    camera = found.camera
-    return Calibration.of_pinhole(
-        image_width=camera.width,
-        image_height=camera.height,
-        fx=camera.fx,
-        fy=camera.fy,
-        cx=camera.cx,
-        cy=camera.cy,
-        camera_name=camera_name,
-        distortion_model=camera.distortion_model,
-        distortion=camera.distortion or (0.0,) * 5,
-    )
 
 
 def mounting_parameters(found: SelfCalibration) -> str:

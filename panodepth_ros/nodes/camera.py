@@ -281,16 +281,7 @@ class CameraNode(Node):
                 'of its frames'
             )
             return None
-        return Calibration.of_pinhole(
-            image_width=camera.width,
-            image_height=camera.height,
-            fx=camera.fx,
-            fy=camera.fy,
-            cx=camera.cx,
-            cy=camera.cy,
-            distortion=camera.distortion,
-            camera_name=ask.camera_name,
-        )
+        return Calibration.of_pinhole(camera, ask.camera_name)
 
     def _checked_camera_info(
         self, calibration: Calibration | None, source: FrameSource

@@ -21,6 +21,7 @@ from panodepth_ros.camera.calibration import (
     write_calibration,
 )
 from panodepth_ros.camera.simulated import RoomCamera
+from panodepth_ros.geometry import PinholeCamera
 
 ROOT = Path(__file__).parents[2]
 
@@ -103,7 +104,7 @@ def test_written_and_read_again_nothing_changes(
 ) -> None:
     path = tmp_path_factory.getbasetemp() / 'round_trip.yaml'
     calibration = Calibration.of_pinhole(
-        image_width=7, image_height=5, fx=fx, fy=fy, cx=others[0], cy=others[1], camera_name=name
+        PinholeCamera(width=7, height=5, fx=fx, fy=fy, cx=others[0], cy=others[1]), name
     )
     calibration = dataclasses.replace(calibration, distortion_coefficients=others[2:])
     write_calibration(calibration, path)
@@ -114,13 +115,8 @@ def test_the_simulated_cameras_file_is_the_simulated_camera() -> None:
     camera = RoomCamera.from_field_of_view(160, 120, math.radians(34.0))
     assert read_calibration(ROOT / 'config' / 'camera_info_simulated.yaml') == (
         Calibration.of_pinhole(
-            image_width=160,
-            image_height=120,
-            fx=camera.fx,
-            fy=camera.fy,
-            cx=79.5,
-            cy=59.5,
-            camera_name='panodepth_camera',
+            PinholeCamera(width=160, height=120, fx=camera.fx, fy=camera.fy, cx=79.5, cy=59.5),
+            'panodepth_camera',
         )
     )
 

@@ -103,7 +103,7 @@ def calibration(tmp_path):
     path = tmp_path / 'camera.yaml'
     write_calibration(
         Calibration.of_pinhole(
-            image_width=8, image_height=6, fx=9.0, fy=9.5, cx=3.4, cy=2.6, camera_name='mine'
+            PinholeCamera(width=8, height=6, fx=9.0, fy=9.5, cx=3.4, cy=2.6), 'mine'
         ),
         path,
     )
@@ -366,7 +366,7 @@ def set_camera_info(ros, info):
 def test_a_new_calibration_is_used_and_stored(ros, tmp_path, truth):
     path = tmp_path / 'lens.yaml'
     first = Calibration.of_pinhole(
-        image_width=40, image_height=30, fx=60.0, fy=60.0, cx=19.5, cy=14.5, camera_name='mine'
+        PinholeCamera(width=40, height=30, fx=60.0, fy=60.0, cx=19.5, cy=14.5), 'mine'
     )
     write_calibration(first, path)
     viewer = Viewer(ros)
@@ -423,7 +423,7 @@ def test_a_calibration_that_cannot_be_stored_is_not_used(ros, tmp_path, truth):
     path = folder / 'lens.yaml'
     write_calibration(
         Calibration.of_pinhole(
-            image_width=40, image_height=30, fx=60.0, fy=60.0, cx=19.5, cy=14.5, camera_name=''
+            PinholeCamera(width=40, height=30, fx=60.0, fy=60.0, cx=19.5, cy=14.5), ''
         ),
         path,
     )
