@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-pytest_plugins = ['fixtures.ros']
+pytest_plugins = ['fixtures.ros', 'fixtures.v4l2_device']
 
 ROS_IS_HERE = importlib.util.find_spec('rclpy') is not None
 

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from panodepth_ros.nodes.arm_settings import ArmDriverParameters
-from panodepth_ros.nodes.camera import CameraParameters
+from panodepth_ros.nodes.camera_settings import CameraParameters
 from panodepth_ros.nodes.check_scan import CheckScanParameters
 from panodepth_ros.nodes.depth import DepthParameters
 from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import errno
-import fcntl
 import os
-import stat
-import struct
 import threading
 import time
 from contextlib import suppress
-from pathlib import Path
 
 import cv2
 
+from panodepth_ros.camera.automatics import Automatics
 from panodepth_ros.camera.source import (
     Frame,
     Image,
@@ -24,6 +20,7 @@ from panodepth_ros.camera.source import (
     check_size,
     to_grey,
 )
+from panodepth_ros.camera.v4l2 import check_device, device_path
 
 #: usb_cam's names of pixel formats and V4L2's. ``auto`` leaves the choice to the driver.
 PIXEL_FORMATS = {
@@ -34,63 +31,10 @@ PIXEL_FORMATS = {
     'mono8': 'GREY',
 }
 
-# From linux/videodev2.h: VIDIOC_QUERYCAP, size of its struct v4l2_capability, where its fields
-# capabilities and device_caps are, and bits of these.
-_QUERY_CAPABILITIES = 0x80685600
-_CAPABILITY_SIZE, _CAPABILITIES_AT = 104, 84
-_CAPTURES, _STREAMS, _HAS_DEVICE_CAPABILITIES = 0x1, 0x04000000, 0x80000000
 #: How soon a waiting read notices that it should end, and the least time between looks [s].
 _SLICE, _PAUSE = 0.2, 0.002
 #: A buffer time older than this is of another clock [s].
 _OLDEST_STAMP = 2.0
-
-
-def device_path(video_device: str) -> str:
-    """Path of a video device given by number or path."""
-    return f'/dev/video{video_device}' if video_device.isdecimal() else video_device
-
-
-def check_device(path: str) -> None:
-    """
-    Make sure that a path is a V4L2 device that captures.
-
-    Raises
-    ------
-    SourceLostError
-        If it is not there, or in use: it may come.
-    SourceError
-        If it is something else.
-    """
-    try:
-        handle = os.open(path, os.O_RDWR | os.O_NONBLOCK)
-    except FileNotFoundError as error:
-        known = sorted(str(device) for device in Path('/dev').glob('video*'))
-        there = f'there are {", ".join(known)}' if known else 'there is no video device at all'
-        raise SourceLostError(f'video device {path} does not exist; {there}') from error
-    except PermissionError as error:
-        raise SourceError(
-            f'video device {path} may not be opened; is the user in the group video?'
-        ) from error
-    except OSError as error:
-        gone = error.errno in (errno.ENODEV, errno.ENXIO, errno.EBUSY, errno.EIO)
-        kind = SourceLostError if gone else SourceError
-        raise kind(f'video device {path} cannot be opened: {error.strerror}') from error
-    try:
-        if not stat.S_ISCHR(os.fstat(handle).st_mode):
-            raise SourceError(f'{path} is not a video device; for a file set source to video')
-        answer = fcntl.ioctl(handle, _QUERY_CAPABILITIES, bytes(_CAPABILITY_SIZE))
-    except OSError as error:
-        raise SourceError(f'{path} is not a V4L2 video device: {error.strerror}') from error
-    finally:
-        os.close(handle)
-    capabilities, of_device = struct.unpack_from('=II', answer, _CAPABILITIES_AT)
-    if capabilities & _HAS_DEVICE_CAPABILITIES:
-        capabilities = of_device
-    if not (capabilities & _CAPTURES and capabilities & _STREAMS):
-        raise SourceError(
-            f'video device {path} does not capture pictures; '
-            'cameras often have a second device for metadata: try the one before'
-        )
 
 
 class V4l2Source:
@@ -110,6 +54,8 @@ class V4l2Source:
         Wanted rate [Hz]; 0 leaves it to the driver.
     pixel_format : str
         Key of :data:`PIXEL_FORMATS`.
+    automatics : Automatics
+        Tells the camera what it may decide; frames that it still decides about are dropped.
     frame_timeout : float
         Longest wait for a frame [s].
     stop : threading.Event
@@ -128,6 +74,7 @@ class V4l2Source:
         size: tuple[int, int],
         framerate: float,
         pixel_format: str,
+        automatics: Automatics,
         frame_timeout: float,
         stop: threading.Event,
     ) -> None:
@@ -135,6 +82,7 @@ class V4l2Source:
         self.skipped = 0
         self._stop = stop
         self._grey = pixel_format == 'mono8'
+        self._automatics = automatics
         self._frame_timeout = frame_timeout
         check_device(self.name)
         self._capture = cv2.VideoCapture(self.name, cv2.CAP_V4L2)
@@ -153,6 +101,7 @@ class V4l2Source:
                         f'pixels; image_{axis} is {want}. v4l2-ctl --list-formats-ext shows '
                         'what it can'
                     )
+            automatics.begin(self.name)
         except BaseException:
             self.close()
             raise
@@ -177,7 +126,15 @@ class V4l2Source:
 
     def read(self) -> Frame:
         """See :meth:`panodepth_ros.camera.source.FrameSource.read`."""
+        while True:
+            frame = self._next()
+            if self._automatics.admits(frame.stamp):
+                return frame
+
+    def _next(self) -> Frame:
         deadline = time.monotonic() + self._frame_timeout
+        if self._stop.is_set():
+            raise SourceClosedError(f'video device {self.name} was closed')
         while not self._ready():
             if self._stop.wait(_PAUSE):
                 raise SourceClosedError(f'video device {self.name} was closed')

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.task import Future
 from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image
 from sensor_msgs.srv import SetCameraInfo
+from std_srvs.srv import Trigger
 
+from panodepth_ros.camera.automatics import Automatics
 from panodepth_ros.camera.calibration import (
     Calibration,
     CalibrationError,
@@ -23,10 +25,7 @@ from panodepth_ros.camera.calibration import (
     read_calibration,
     store_calibration,
 )
-from panodepth_ros.camera.capture import PIXEL_FORMATS, StreamSource, V4l2Source, VideoFileSource
-from panodepth_ros.camera.images import ImageSequenceSource
-from panodepth_ros.camera.simulated import RealCamera, RoomCamera, furnished_room
-from panodepth_ros.camera.simulated.source import SimulatedSource
+from panodepth_ros.camera.simulated import RealCamera, furnished_room
 from panodepth_ros.camera.source import (
     Frame,
     FrameSource,
@@ -34,11 +33,11 @@ from panodepth_ros.camera.source import (
     SourceError,
     SourceLostError,
 )
-from panodepth_ros.geometry import Mounting, PinholeCamera
+from panodepth_ros.nodes.camera_settings import CameraParameters, open_source
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, WARN, Report, publish_diagnostics
 from panodepth_ros.ros.images import to_message
-from panodepth_ros.ros.parameters import declare_parameters, parameter
+from panodepth_ros.ros.parameters import declare_parameters
 from panodepth_ros.ros.process import run_node
 
 #: First and longest wait between two attempts to reopen a source that was lost [s].
@@ -47,129 +46,6 @@ _FIRST_BACKOFF, _LONGEST_BACKOFF = 0.5, 10.0
 _SLOW = 0.9
 #: How long the last frames of a file may take to reach their subscribers [s].
 _DELIVERY_TIMEOUT = 2.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CameraParameters:
-    """Parameters of the camera; those of usb_cam have its names."""
-
-    source: str = parameter(
-        'v4l2',
-        'Where frames come from',
-        choices=('v4l2', 'video', 'images', 'stream', 'simulated'),
-    )
-    video_device: str = parameter(
-        '/dev/video0',
-        'v4l2: number or path, best /dev/v4l/by-id/...; video: file; images: folder or pattern; '
-        'stream: URL',
-    )
-    image_width: int = parameter(
-        640, 'Width of the frames; 0: what the source gives', unit='px', bounds=(0, 16384)
-    )
-    image_height: int = parameter(
-        480, 'Height of the frames; 0: what the source gives', unit='px', bounds=(0, 16384)
-    )
-    framerate: float = parameter(
-        30.0,
-        "Frames per second; 0: the device's or the video file's own",
-        unit='Hz',
-        bounds=(0.0, 1000.0),
-    )
-    pixel_format: str = parameter(
-        'auto',
-        'Format asked of a V4L2 device; mono8 publishes grey frames, of any source',
-        choices=tuple(PIXEL_FORMATS),
-    )
-    frame_timeout: float = parameter(
-        2.0, 'Time without a frame after which a source is lost', unit='s', bounds=(0.1, 60.0)
-    )
-    camera_name: str = parameter('panodepth_camera', 'Name the calibration should have')
-    camera_info_url: str = parameter(
-        '',
-        'Calibration file, file:///... or package://...; empty: uncalibrated, and exact for the '
-        'simulated room',
-    )
-    frame_id: str = parameter('panodepth_camera_optical_frame', 'Frame of image and camera_info')
-    simulated_arm_truth: str = parameter(
-        '/tmp/panodepth_arm.truth', 'Where simulated_arm writes its true motion'
-    )
-    simulated_arm_radius: float = parameter(
-        0.30, 'Axis to optical centre in the simulated room', unit='m', bounds=(0.0, 0.5)
-    )
-    simulated_fov_deg: float = parameter(
-        34.0, 'Horizontal field of view in the simulated room', unit='°', bounds=(5.0, 120.0)
-    )
-    simulated_yaw_deg: float = parameter(
-        0.0,
-        'Simulated optical axis to the left of the radial direction',
-        unit='°',
-        bounds=(-45.0, 45.0),
-    )
-    simulated_roll_deg: float = parameter(
-        0.0,
-        'Simulated camera turned clockwise, seen from behind',
-        unit='°',
-        bounds=(-180.0, 180.0),
-    )
-    simulated_tilt_deg: float = parameter(
-        0.0,
-        'Simulated optical axis above the plane of rotation',
-        unit='°',
-        bounds=(-45.0, 45.0),
-    )
-    simulated_cx_offset: float = parameter(
-        0.0,
-        'Simulated principal point right of the image centre',
-        unit='px',
-        bounds=(-1000.0, 1000.0),
-    )
-    simulated_cy_offset: float = parameter(
-        0.0,
-        'Simulated principal point below the image centre',
-        unit='px',
-        bounds=(-1000.0, 1000.0),
-    )
-    simulated_k1: float = parameter(
-        0.0, 'First radial distortion of the simulated lens', bounds=(-1.0, 1.0)
-    )
-    simulated_k2: float = parameter(
-        0.0, 'Second radial distortion of the simulated lens', bounds=(-1.0, 1.0)
-    )
-    noise_stddev: float = parameter(
-        1.5, 'Noise of the simulated sensor in grey levels', bounds=(0.0, 50.0)
-    )
-    room_seed: int = parameter(0, 'Which simulated room', bounds=(0, 2**31 - 1))
-
-    def __post_init__(self) -> None:
-        if self.source == 'simulated':
-            for name in ('image_width', 'image_height', 'framerate'):
-                if getattr(self, name) == 0:
-                    raise ValueError(f'{name} is 0; the simulated room needs one above 0')
-        elif self.source == 'images' and self.framerate == 0.0:
-            raise ValueError('framerate is 0.0; images need one above 0')
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height asked for [px]."""
-        return self.image_width, self.image_height
-
-    def simulated_camera(self) -> PinholeCamera:
-        """Return the true lens and mounting of the simulated camera."""
-        ideal = RoomCamera.from_field_of_view(*self.size, math.radians(self.simulated_fov_deg))
-        return PinholeCamera(
-            width=ideal.width,
-            height=ideal.height,
-            fx=ideal.fx,
-            fy=ideal.fy,
-            cx=ideal.cx + self.simulated_cx_offset,
-            cy=ideal.cy + self.simulated_cy_offset,
-            distortion=(self.simulated_k1, self.simulated_k2, 0.0, 0.0, 0.0),
-            mounting=Mounting(
-                yaw=math.radians(self.simulated_yaw_deg),
-                roll=math.radians(self.simulated_roll_deg),
-                tilt=math.radians(self.simulated_tilt_deg),
-            ),
-        )
 
 
 class CameraNode(Node):
@@ -183,6 +59,9 @@ class CameraNode(Node):
             'camera', automatically_declare_parameters_from_overrides=True, **node_args
         )
         self._settings = declare_parameters(self, CameraParameters)
+        self._automatics = Automatics(self._settings.wishes())
+        self._told = ''  # of the automatics
+        self._settling: list[Future] = []  # who waits for them
         self._frames = 0
         self._counted = (0, time.monotonic())  # frames and time of the last diagnostics
         self._trouble = ''
@@ -202,6 +81,11 @@ class CameraNode(Node):
             self._info_publisher = self.create_publisher(CameraInfo, 'camera_info', qos.IMAGES)
             self.create_service(SetCameraInfo, '~/set_camera_info', self._on_set_camera_info)
             publish_diagnostics(self, 'frames', self._diagnose)
+            if self._settings.source == 'v4l2':
+                self.create_service(
+                    Trigger, '~/settle', self._on_settle, callback_group=ReentrantCallbackGroup()
+                )
+                publish_diagnostics(self, 'exposure', self._diagnose_automatics)
             self._over = self.create_guard_condition(self._on_over)
             self.get_logger().info(
                 f'{source.name} delivers {source.size[0]} by {source.size[1]} pixels'
@@ -228,41 +112,7 @@ class CameraNode(Node):
     # --- source and calibration ---------------------------------------------------------------
 
     def _open(self) -> FrameSource:
-        ask = self._settings
-        grey = ask.pixel_format == 'mono8'
-        if ask.source == 'v4l2':
-            return V4l2Source(
-                ask.video_device,
-                size=ask.size,
-                framerate=ask.framerate,
-                pixel_format=ask.pixel_format,
-                frame_timeout=ask.frame_timeout,
-                stop=self._stop,
-            )
-        if ask.source == 'stream':
-            return StreamSource(
-                ask.video_device,
-                size=ask.size,
-                grey=grey,
-                frame_timeout=ask.frame_timeout,
-                stop=self._stop,
-            )
-        if self._room is not None and self._room_camera is not None:
-            return SimulatedSource(
-                self._room,
-                self._room_camera,
-                arm_radius=ask.simulated_arm_radius,
-                arm_truth=ask.simulated_arm_truth,
-                framerate=ask.framerate,
-                noise_stddev=ask.noise_stddev,
-                seed=ask.room_seed,
-                grey=grey,
-                stop=self._stop,
-            )
-        kind = VideoFileSource if ask.source == 'video' else ImageSequenceSource
-        return kind(
-            ask.video_device, size=ask.size, framerate=ask.framerate, grey=grey, stop=self._stop
-        )
+        return open_source(self._settings, self._automatics, self._room, self._stop)
 
     def _calibration(self) -> Calibration | None:
         ask = self._settings
@@ -322,6 +172,14 @@ class CameraNode(Node):
         self.get_logger().info(response.status_message)
         return response
 
+    async def _on_settle(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Let the camera choose again; answer when that is held."""
+        done: Future = Future(executor=self.executor)
+        self._automatics.settle()
+        self._settling.append(done)
+        response.success, response.message = await done
+        return response
+
     def _begin(self) -> None:
         self._worker = threading.Thread(target=self._work, name='camera')
         self._worker.start()
@@ -332,6 +190,7 @@ class CameraNode(Node):
         try:
             while (frame := self._next_frame()) is not None:
                 self._publish(frame)
+                self._tell_automatics()
         except SourceClosedError:
             return
         except SourceError as error:
@@ -351,6 +210,7 @@ class CameraNode(Node):
                 frame = source.read()
             except SourceLostError as error:
                 self._report(f'{error}; trying to open it again')
+                self._answer_settling(False, str(error))
                 if self._source is not None:
                     self._source.close()
                     self._source = None
@@ -377,6 +237,26 @@ class CameraNode(Node):
                 )
             return self._source
         raise SourceClosedError('the camera node ends')
+
+    def _tell_automatics(self) -> None:
+        """Say once what the camera holds, and to those who asked it to settle."""
+        automatics = self._automatics
+        if self._settings.source != 'v4l2' or automatics.settling:
+            return
+        words = automatics.words()
+        if words != self._told:
+            self._told = words
+            log = self.get_logger()
+            (log.warning if automatics.failures else log.info)(words)
+        self._answer_settling(not automatics.failures, words)
+
+    def _answer_settling(self, success: bool, words: str) -> None:
+        while self._settling:
+            self._settling.pop().set_result((success, words))
+            executor = self.executor
+            if executor is not None:
+                with suppress(rclpy_implementation.InvalidHandle):  # it was shut down meanwhile
+                    executor.wake()
 
     def _report(self, trouble: str) -> None:
         if trouble != self._trouble:
@@ -430,6 +310,16 @@ class CameraNode(Node):
         }
         return Report(
             level, summary, values, source.name if source else self._settings.video_device
+        )
+
+    def _diagnose_automatics(self) -> Report:
+        automatics = self._automatics
+        level = WARN if automatics.failures and not automatics.settling else OK
+        values: dict[str, object] = {
+            name: 'held' if value is None else value for name, value in automatics.held.items()
+        }
+        return Report(
+            level, automatics.words(), values | automatics.failures, self._settings.video_device
         )
 
 

@@ -14,13 +14,8 @@ import numpy as np
 import pytest
 from fixtures.mjpeg import HEIGHT, WIDTH, network_camera
 
-from panodepth_ros.camera.capture import (
-    StreamSource,
-    V4l2Source,
-    VideoFileSource,
-    check_device,
-    device_path,
-)
+from panodepth_ros.camera.automatics import Automatics, Wishes
+from panodepth_ros.camera.capture import StreamSource, V4l2Source, VideoFileSource
 from panodepth_ros.camera.images import ImageSequenceSource, image_files
 from panodepth_ros.camera.source import (
     Schedule,
@@ -30,6 +25,7 @@ from panodepth_ros.camera.source import (
     check_size,
     to_grey,
 )
+from panodepth_ros.camera.v4l2 import check_device, device_path
 
 ANY = (0, 0)
 
@@ -269,6 +265,7 @@ def opened_device(video_device: str, stop: threading.Event) -> V4l2Source:
         size=(640, 480),
         framerate=30.0,
         pixel_format='auto',
+        automatics=Automatics(Wishes()),
         frame_timeout=1.0,
         stop=stop,
     )

@@ -295,6 +295,16 @@ def test_a_camera_that_is_too_slow_says_so(ros, tmp_path, truth):
             ParameterError,
             'image_width is 0; the simulated room needs one above 0',
         ),
+        (
+            {'exposure': 100},
+            ParameterError,
+            'exposure is 100 while autoexposure is true; allowed: autoexposure false or exp',
+        ),
+        (
+            {'source': 'video', 'gain': 5},
+            ParameterError,
+            'gain is 5; allowed with source video: -1',
+        ),
         ({'source': 'images', 'framerate': 0.0}, ParameterError, 'framerate is 0.0; images need'),
         (
             {'video_device': '/dev/video97'},
