@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -61,7 +60,7 @@ class Processes:
 
     def stop(self) -> None:
         """
-        Interrupt all, newest first, and wait for each.
+        Interrupt all, newest first, each when the newer ones, which may need it, have ended.
 
         Raises
         ------
@@ -69,13 +68,11 @@ class Processes:
             If one did not end with code 0.
         """
         faults = []
-        for process in reversed(self._running.values()):
+        for name, process in reversed(self._running.items()):
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)
-        deadline = time.monotonic() + _STOP_TIMEOUT
-        for name, process in reversed(self._running.items()):
             try:
-                process.wait(max(0.1, deadline - time.monotonic()))
+                process.wait(_STOP_TIMEOUT)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
