@@ -95,10 +95,7 @@ class Mosaicer(Node):
 
     def _on_parameters(self, parameters: MosaicerParameters) -> None:
         builder = self._assembler
-        if isinstance(builder, ContinuousAssembler):
-            if parameters.image_delay_ms != self._settings.image_delay_ms:
-                builder.image_delay = round(parameters.image_delay_ms * 1e6)
-            builder.row_time = parameters.row_time_us * 1e-6
+        parameters.renew_timing(builder, self._settings)
         if not self._leading or builder.sweep is not None:
             builder.rig = parameters.rig()  # else a led sweep waits for its first frame
         self._delay_check = DelayCheck()

@@ -207,3 +207,10 @@ class MosaicerParameters(StillParameters):
         tolerance = math.radians(self.standstill_tolerance_deg)
         track = ArmTrack(tolerance, longest_gap)
         return Assembler(self.rig(), track, round(self.settle_time * 1e9))
+
+    def renew_timing(self, builder: SweepBuilder[Any], before: MosaicerParameters) -> None:
+        """Let a builder go on with these delays; one corrected since stays if it was not set."""
+        if isinstance(builder, ContinuousAssembler):
+            if self.image_delay_ms != before.image_delay_ms:
+                builder.image_delay = round(self.image_delay_ms * 1e6)
+            builder.row_time = self.row_time_us * 1e-6

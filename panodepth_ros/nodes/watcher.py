@@ -11,17 +11,20 @@ from typing import Any
 
 import cv2
 import numpy as np
+from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from sensor_msgs.msg import CameraInfo, Image, JointState, LaserScan
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState, LaserScan
 from std_msgs.msg import Float32
 
-from panodepth_ros.mosaic import Sweep
+from panodepth_ros.mosaic import ContinuousAssembler, Sweep
 from panodepth_ros.mosaic.builder import SweepBuilder
+from panodepth_ros.nodes.leading import NEVER
 from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
 from panodepth_ros.ros import qos
-from panodepth_ros.ros.images import to_array, to_bgr_or_mono
+from panodepth_ros.ros.images import decompressed, to_array, to_bgr_or_mono
 from panodepth_ros.ros.messages import joint_reading, pinhole_camera, to_nanoseconds
 
 #: Upper end of the depth picture's colours [m].
@@ -44,7 +47,9 @@ class Watcher(Node):
         super().__init__('watch', **node_args)
         self._lock = threading.Lock()
         self._assembler: SweepBuilder[Any] | None = None
-        self._joint_name = ''
+        self._parameters: MosaicerParameters | None = None
+        self._frames: Subscription | None = None
+        self._led = self._resting = False
         self._last: Sweep | None = None
         self._state = 'waiting for the mosaicer'
         self._depth: Image | None = None
@@ -56,8 +61,8 @@ class Watcher(Node):
         for kind, topic, callback, profile in (
             (JointState, 'joint_states', self._on_joint_state, qos.JOINT_STATES),
             (CameraInfo, 'camera_info', self._on_camera_info, qos.IMAGES),
-            (Image, 'image_raw', self._on_image, qos.IMAGES),
             (Float32, 'mosaicer/progress', self._on_progress, 10),
+            (ParameterEvent, '/parameter_events', self._on_parameter_event, 100),
             (Image, 'depth/image', self._on_depth, qos.PANORAMAS),
             (LaserScan, 'scan', self._on_scan, qos.SCAN),
         ):
@@ -158,32 +163,59 @@ class Watcher(Node):
         elif self._asked is not None and not self._client.service_is_ready():
             self._asked = None  # the mosaicer has gone before it answered
 
+    def _on_parameter_event(self, event: ParameterEvent) -> None:
+        if f'{event.node}/get_parameters' == self.resolve_service_name(self._client.srv_name):
+            self._asked = None  # what is under way may be older
+            self._timer.reset()
+
     def _on_parameters(self, future: Any) -> None:
+        if future is not self._asked:
+            return
         self._asked = None
         self._timer.cancel()
         names = (field.name for field in fields(MosaicerParameters))
         values = (parameter_value_to_python(value) for value in future.result().values)
         parameters = MosaicerParameters(**dict(zip(names, values, strict=True)))
-        self._joint_name = parameters.joint_name
-        if self._assembler is not None:
+        before, self._parameters = self._parameters, parameters
+        if self._assembler and before and _same_but_live(parameters, before):
+            parameters.renew_timing(self._assembler, before)
             self._assembler.rig = parameters.rig()
             return
         self._state = 'waiting for a sweep'
         self._assembler = parameters.builder()
+        self._led = self._resting = False
+        if self._frames is not None:
+            self.destroy_subscription(self._frames)
+        raw = parameters.image_transport == 'raw'
+        self._frames = self.create_subscription(
+            Image if raw else CompressedImage,
+            'image_raw' if raw else 'image_raw/compressed',
+            self._locked(self._on_image),
+            qos.IMAGES,
+        )
 
     def _on_progress(self, message: Float32) -> None:
-        if self._assembler is None:
+        builder, given_up = self._assembler, math.isnan(message.data)
+        if builder is None or message.data > 0:
             return
-        if math.isnan(message.data):
-            self._state = 'the sweep was given up'
-        elif message.data > 0:
-            return
-        sweep = self._assembler.sweep
-        if math.isnan(message.data) or (sweep is not None and sweep.seen.sum() > _JUST_BEGUN):
+        sweep = builder.sweep
+        if given_up or self._resting or (sweep is not None and sweep.seen.sum() > _JUST_BEGUN):
             self._last = sweep or self._last
-            self._assembler.restart((self._assembler.track.newest or 0) + 1)
-        self._assembler.drops.clear()
-        self._timer.reset()  # the mosaicer's parameters may have changed since
+            self._resting = False
+            builder.restart((builder.track.newest or 0) + 1)
+        builder.drops.clear()
+        if given_up:
+            self._state = 'the sweep was given up'
+            self._end_led_sweep()
+        self._led = not given_up
+        self._timer.reset()  # the mosaicer may be another one than it was
+
+    def _end_led_sweep(self) -> None:
+        """Take no frame of a turning arm that a led sweep has left, as the mosaicer does."""
+        if self._led and isinstance(self._assembler, ContinuousAssembler):
+            self._resting = True
+            self._assembler.restart(NEVER)
+        self._led = False
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         if self._assembler is None:
@@ -193,21 +225,23 @@ class Watcher(Node):
         except ValueError as error:
             self._state = f'camera_info: {error}'
 
-    def _on_image(self, message: Image) -> None:
+    def _on_image(self, message: Image | CompressedImage) -> None:
         if self._assembler is None:
             return
         try:
-            image = to_bgr_or_mono(message)
+            image = (
+                to_bgr_or_mono(message) if isinstance(message, Image) else decompressed(message)
+            )
         except ValueError as error:
             self._assembler.drops[f'frame: {error}'] += 1
             return
         self._finish(self._assembler.add_frame(to_nanoseconds(message.header.stamp), image))
 
     def _on_joint_state(self, message: JointState) -> None:
-        if self._assembler is None:
+        if self._assembler is None or self._parameters is None:
             return
         try:
-            reading = joint_reading(message, self._joint_name)
+            reading = joint_reading(message, self._parameters.joint_name)
         except ValueError as error:
             self._assembler.drops[str(error)] += 1
             return
@@ -220,6 +254,8 @@ class Watcher(Node):
         if sweeps:
             self._last = sweeps[-1]
             self._state = 'the sweep is done'
+            if self._parameters is not None and not self._parameters.free_running:
+                self._end_led_sweep()
         elif self._assembler.sweep is not None:
             self._state = 'sweeping'
 
@@ -230,6 +266,14 @@ class Watcher(Node):
     def _on_scan(self, message: LaserScan) -> None:
         self._scan = message
         self._results += 1
+
+
+def _same_but_live(ours: MosaicerParameters, theirs: MosaicerParameters) -> bool:
+    """Whether two tables differ by what may be set on a running mosaicer only."""
+    return all(
+        field.metadata['live'] or getattr(ours, field.name) == getattr(theirs, field.name)
+        for field in fields(MosaicerParameters)
+    )
 
 
 def _coloured(depth: np.ndarray[Any, np.dtype[Any]]) -> np.ndarray[Any, np.dtype[np.uint8]]:

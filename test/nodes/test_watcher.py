@@ -14,11 +14,13 @@ import pytest
 from fixtures.browser import browser
 from fixtures.rig import MessageRig
 from fixtures.ros import started
+from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image, LaserScan
 from std_srvs.srv import Trigger
 
 from panodepth_ros.cli.watch_server import WatchServer
+from panodepth_ros.mosaic import ContinuousAssembler
 from panodepth_ros.nodes.mosaicer import Mosaicer
 from panodepth_ros.nodes.watcher import Watcher
 from panodepth_ros.ros.images import to_array, to_message
@@ -36,7 +38,8 @@ class Bench:
         values = {'column_step_deg': STEP_DEG, 'column_offset_px': 20.0, **values}
         overrides = [Parameter(name, value=value) for name, value in values.items()]
         self.mosaicer = ros.add(Mosaicer(context=ros.context, parameter_overrides=overrides))
-        self.rig = ros.add(MessageRig(math.radians(STEP_DEG), context=ros.context))
+        step = math.radians(STEP_DEG) * values.get('stripe_columns', 1)
+        self.rig = ros.add(MessageRig(step, context=ros.context))
         self.watcher = ros.add(Watcher(context=ros.context))
         server = WatchServer(self.watcher, '127.0.0.1', 0)
         self.watcher.at_the_end(server.close)
@@ -48,12 +51,14 @@ class Bench:
             name: self.node.create_client(Trigger, f'mosaicer/{name}')
             for name in ('start', 'cancel')
         }
+        compressed = values.get('image_transport') == 'compressed'
+        images = 'image_raw/compressed' if compressed else 'image_raw'
         ros.spin_until(
             lambda: (
                 self.state() == 'waiting for a sweep'
                 and all(client.service_is_ready() for client in self.clients.values())
                 and not self.mosaicer._leader.missing_service
-                and self.rig.count_subscribers('image_raw') == 2
+                and self.rig.count_subscribers(images) == 2
                 and self.rig.count_subscribers('camera_info') == 2
                 and self.rig.count_subscribers('joint_states') == 2
                 and self.mosaicer.count_subscribers('left/image')
@@ -84,6 +89,23 @@ class Bench:
             self.ros.spin_until(
                 lambda: self.watcher._assembler.track.newest >= self.rig.now, 'the joint states'
             )
+
+    def turn(self, columns):
+        for _ in self.rig.turn(columns):
+            self.ros.spin_until(
+                lambda: all(
+                    node._assembler.track.newest >= self.rig.now
+                    for node in (self.mosaicer, self.watcher)
+                ),
+                'the joint states',
+            )
+
+    def set(self, **values):
+        client = self.node.create_client(SetParameters, 'mosaicer/set_parameters')
+        self.ros.spin_until(client.service_is_ready, 'set_parameters')
+        messages = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
+        answer = self.ros.result(client.call_async(SetParameters.Request(parameters=messages)))
+        assert answer.results[0].successful, answer.results[0].reason
 
     def send_results(self):
         depth = np.array([[0.5, 4.9, np.nan]], np.float32)
@@ -140,6 +162,73 @@ def test_panoramas_grow_while_the_arm_turns(ros):
     bench.steps(5)
     assert bench.picture('center').any(axis=(0, 2)).sum() == lit.sum() + 5
     assert bench.status()['sweep'] != status['sweep']
+
+
+def test_compressed_frames_are_shown(ros):
+    bench = Bench(ros, image_transport='compressed')
+    bench.call('start')
+    ros.spin_until(lambda: bench.left and bench.state() == 'the sweep is done', 'the sweep')
+    assert np.array_equal(bench.picture('left'), to_array(bench.left[0]))
+
+
+TURNING = {'motion': 'continuous', 'stripe_columns': 2, 'column_offset_px': 10.0}
+
+
+def test_led_turn_stays_on_the_page_while_the_arm_brakes(ros):
+    bench = Bench(ros, **TURNING)
+    bench.call('start')
+    ros.spin_until(lambda: bench.watcher._led and bench.rig.spins, 'the start')
+    bench.turn(31)
+    ros.spin_until(lambda: bench.left and bench.state() == 'the sweep is done', 'the sweep')
+    bench.turn(3)
+    assert bench.state() == 'the sweep is done'
+    assert np.array_equal(bench.picture('left'), to_array(bench.left[0]))
+    assert ['columns', '60 of 60'] in bench.status()['facts']
+    bench.call('start')
+    ros.spin_until(lambda: not bench.watcher._resting, 'the start')
+    bench.turn(3)
+    assert bench.state() == 'sweeping'
+
+
+def test_parameters_set_while_it_watches_are_taken(ros):
+    bench = Bench(ros, lead=False, **TURNING)
+    bench.set(image_delay_ms=12.5, row_time_us=20.0, arm_radius=0.25)
+    builder = bench.watcher._assembler
+    ros.spin_until(lambda: builder.rig.arm_radius == 0.25, 'the parameters')
+    assert builder is bench.watcher._assembler
+    assert builder.image_delay == 12_500_000
+    assert builder.row_time == pytest.approx(20e-6)
+
+
+def test_another_mosaicer_is_followed_by_its_parameters(ros):
+    bench = Bench(ros, lead=False)
+    ros.executor.remove_node(bench.mosaicer)
+    ros.nodes.remove(bench.mosaicer)
+    bench.mosaicer.destroy_node()
+    values = {'column_step_deg': STEP_DEG, **TURNING, 'image_transport': 'compressed'}
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    another = ros.add(Mosaicer(context=ros.context, parameter_overrides=overrides))
+    ros.spin_until(
+        lambda: (
+            not another._leader.missing_service
+            and another.count_subscribers('mosaicer/progress')
+            and bench.rig.count_subscribers('joint_states') == 2
+            and bench.rig.count_subscribers('camera_info') == 2
+            and bench.clients['start'].service_is_ready()
+        ),
+        'the graph',
+    )
+    bench.rig.camera_info()
+    bench.rig.standing()
+    ros.spin_until(
+        lambda: another._assembler.camera and another._assembler.track.newest, 'camera and arm'
+    )
+    bench.call('start')
+    ros.spin_until(
+        lambda: isinstance(bench.watcher._assembler, ContinuousAssembler), 'the parameters'
+    )
+    ros.spin_until(lambda: not bench.rig.count_subscribers('image_raw'), 'the subscription')
+    assert bench.rig.count_subscribers('image_raw/compressed') == 2
 
 
 def test_cancelled_sweep_is_told_and_the_next_one_shown(ros):
