@@ -1,0 +1,274 @@
+"""The node graph as processes that may be killed, with what a campaign needs to see and disturb."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image, LaserScan
+from std_msgs.msg import Float32
+from std_srvs.srv import Trigger
+
+from benchmarks.faults.arm import FaultyArm
+from panodepth_ros.ros import qos
+
+#: The rig: few columns and small frames, so that a sweep takes seconds.
+STEP_DEG, COLUMNS, WIDTH, HEIGHT, FOV_DEG = 4.0, 90, 64, 48, 70.0
+ARM_RADIUS, COLUMN_OFFSET, BEAMS = 0.5, 28.0, 90
+NODES = ('arm_driver', 'camera', 'mosaicer', 'depth')
+#: Time after which a node that died is started again, as by the launch file [s].
+RESPAWN_DELAY = 1.0
+_ROOT = Path(__file__).resolve().parents[2]
+_PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+
+_RESULTS = {
+    'left/image': Image,
+    'left/camera_info': CameraInfo,
+    'right/image': Image,
+    'right/camera_info': CameraInfo,
+    'scan': LaserScan,
+}
+
+
+class Graph:
+    """
+    Arm, four nodes and a client of theirs, in a domain of their own.
+
+    The camera's frames pass through this process (:attr:`spoil_frame`, :attr:`spoil_info`),
+    the bytes of the controller, too (:class:`FaultyArm`).
+
+    Parameters
+    ----------
+    folder : Path
+        For links, logs and states.
+    domain : int
+        ROS domain.
+    seed : int
+        Of the simulated room.
+    """
+
+    def __init__(self, folder: Path, domain: int, seed: int = 0) -> None:
+        self.folder = folder
+        self.link = folder / 'arm'
+        self.arm = FaultyArm(self.link)
+        self.room_seed = seed
+        self.results: dict[int, dict[str, Any]] = {}
+        self.progress: list[float] = []
+        self.spoil_frame: Callable[[Image], list[Image]] = lambda image: [image]
+        self.spoil_info: Callable[[CameraInfo], CameraInfo] = lambda info: info
+        self._environment = {
+            **os.environ,
+            'ROS_DOMAIN_ID': str(domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+            'ROS_LOG_DIR': str(folder / 'ros_log'),
+            'PYTHONPATH': str(_ROOT),
+            **dict.fromkeys(_PROFILES, str(_ROOT / 'config' / 'fastdds.xml')),
+        }
+        os.environ.update(self._environment)
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._respawn_at: dict[str, float] = {}
+        self._context = Context()
+        rclpy.init(args=[], context=self._context, domain_id=domain)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self.node = Node('campaign', context=self._context)
+        self._executor.add_node(self.node)
+        self._relay()
+        for topic, kind in _RESULTS.items():
+            self.node.create_subscription(
+                kind, topic, lambda message, topic=topic: self._on_result(topic, message), 20
+            )
+        self.node.create_subscription(
+            Float32, 'mosaicer/progress', lambda message: self.progress.append(message.data), 100
+        )
+        self._clients = {
+            name: self.node.create_client(Trigger, name)
+            for name in ('mosaicer/start', 'mosaicer/cancel', 'arm_driver/home')
+        }
+        for name in NODES:
+            self.start(name)
+
+    # --- processes ----------------------------------------------------------------------------
+
+    def start(self, name: str) -> None:
+        """Start a node."""
+        arguments = {
+            'arm_driver': {
+                'port': self.link,
+                'step_deg': STEP_DEG,
+                'speed_deg_s': MAX_SPEED,
+                'settle_time': 0.0,
+                'status_rate': 20.0,
+                'response_timeout': 0.5,
+            },
+            'camera': {
+                'source': 'simulated',
+                'simulated_arm_truth': f'{self.link}.truth',
+                'simulated_arm_radius': ARM_RADIUS,
+                'simulated_fov_deg': FOV_DEG,
+                'image_width': WIDTH,
+                'image_height': HEIGHT,
+                'framerate': 40.0,
+                'room_seed': self.room_seed,
+            },
+            'mosaicer': {
+                'arm_radius': ARM_RADIUS,
+                'column_offset_px': COLUMN_OFFSET,
+                'column_step_deg': STEP_DEG,
+                'frame_timeout': 1.0,
+                **MOSAICER,
+            },
+            'depth': {'beams': BEAMS, 'threads': 1, 'range_min': ARM_RADIUS, 'min_support': 2.0},
+        }[name]
+        if 'state_file' in arguments:
+            arguments['state_file'] = str(self.folder / 'sweep.npz')
+        words = [word for item in arguments.items() for word in ('-p', '{}:={}'.format(*item))]
+        if name == 'camera':
+            for topic in ('image_raw', 'camera_info'):
+                words += ['-r', f'{topic}:=source/{topic}']
+        code = f'import sys; from panodepth_ros.start import {name}; sys.exit({name}())'
+        with (self.folder / f'{name}.log').open('ab') as log:
+            self._processes[name] = subprocess.Popen(
+                [sys.executable, '-c', code, '--ros-args', *words],
+                env=self._environment,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
+    def signal(self, name: str, number: signal.Signals) -> None:
+        """Send a signal to a node."""
+        self._processes[name].send_signal(number)
+
+    def kill(self, name: str) -> None:
+        """Kill a node; it is started again as the launch file does."""
+        self.signal(name, signal.SIGKILL)
+        self._processes[name].wait()
+
+    def log(self, name: str) -> str:
+        """All that a node has printed, over all its lives."""
+        return (self.folder / f'{name}.log').read_text(errors='replace')
+
+    def spin(self, seconds: float = 0.02) -> None:
+        """Let messages pass for a moment, and start again what has died."""
+        self._executor.spin_once(timeout_sec=seconds)
+        for name, process in self._processes.items():
+            if process.poll() is None:
+                continue
+            at = self._respawn_at.setdefault(name, time.monotonic() + RESPAWN_DELAY)
+            if time.monotonic() > at:
+                del self._respawn_at[name]
+                self.start(name)
+                return
+
+    def until(self, condition: Callable[[], Any], timeout: float) -> bool:
+        """Spin until a condition holds; return whether it came in time [s]."""
+        deadline = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            self.spin()
+        return True
+
+    def wait(self, seconds: float) -> None:
+        """Spin for a time."""
+        self.until(lambda: False, seconds)
+
+    def close(self) -> None:
+        """End everything."""
+        for process in self._processes.values():
+            process.send_signal(signal.SIGCONT)
+            process.terminate()
+        for process in self._processes.values():
+            try:
+                process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        self.arm.unplug()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    # --- messages -----------------------------------------------------------------------------
+
+    def _relay(self) -> None:
+        images = self.node.create_publisher(Image, 'image_raw', qos.IMAGES)
+        infos = self.node.create_publisher(CameraInfo, 'camera_info', qos.IMAGES)
+
+        def on_image(message: Image) -> None:
+            for image in self.spoil_frame(message):
+                images.publish(image)
+
+        self.node.create_subscription(Image, 'source/image_raw', on_image, qos.IMAGES)
+        self.node.create_subscription(
+            CameraInfo,
+            'source/camera_info',
+            lambda info: infos.publish(self.spoil_info(info)),
+            qos.IMAGES,
+        )
+
+    def _on_result(self, topic: str, message: Any) -> None:
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        self.results.setdefault(stamp, {})[topic] = message
+
+    def call(self, service: str, timeout: float = 10.0) -> Trigger.Response:
+        """Call a service; a call that is not answered gives a response without success."""
+        client = self._clients[service]
+        if not self.until(client.service_is_ready, timeout):
+            return Trigger.Response(message=f'{service} is not there')
+        future = client.call_async(Trigger.Request())
+        if not self.until(future.done, timeout):
+            return Trigger.Response(message=f'{service} does not answer')
+        response: Trigger.Response = future.result()
+        return response
+
+    # --- sweeps -------------------------------------------------------------------------------
+
+    def begin_sweep(self, timeout: float) -> str:
+        """Start a sweep as soon as the graph allows it; return why not, empty if it runs."""
+        deadline = time.monotonic() + timeout
+        answer = Trigger.Response()
+        while time.monotonic() < deadline:
+            self.results.clear()
+            self.progress.clear()
+            answer = self.call('mosaicer/start')
+            if answer.success:
+                return ''
+            self.wait(0.1)
+        return str(answer.message)
+
+    @property
+    def share(self) -> float:
+        """Progress of the sweep."""
+        return self.progress[-1] if self.progress else 0.0
+
+    @property
+    def given_up(self) -> bool:
+        """Whether the sweep was given up for good."""
+        return bool(self.progress) and math.isnan(self.progress[-1])
+
+    @property
+    def scans(self) -> list[dict[str, Any]]:
+        """Complete results since the sweep began, oldest first."""
+        return [
+            self.results[stamp]
+            for stamp in sorted(self.results)
+            if len(self.results[stamp]) == len(_RESULTS)
+        ]
+
+
+MAX_SPEED = 180.0
+#: Further parameters of the mosaicer.
+MOSAICER: dict[str, object] = {}

@@ -1,0 +1,81 @@
+"""Whether what was published is true: panoramas and scan against the simulated room."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks import occupancy
+from benchmarks.faults.graph import ARM_RADIUS, FOV_DEG, HEIGHT, WIDTH
+from panodepth_ros.analysis.evaluation import score_scan
+from panodepth_ros.camera.simulated import Room, RoomCamera, furnished_room
+from panodepth_ros.geometry import PanoramaGeometry
+from panodepth_ros.ros.images import to_array
+from panodepth_ros.ros.messages import panorama_geometry
+
+#: Columns whose pixels differ from the truth by more than this, on average, are wrong [grey
+#: levels]; the sensor's noise alone makes 1.2, a frame from the neighbouring place 10 and more.
+WRONG_COLUMN = 8.0
+#: Scans whose median error is larger are wrong: an undisturbed one of this rig has 0.04.
+WRONG_SCAN = 0.15
+
+Array = npt.NDArray[np.float64]
+
+
+class Judge:
+    """Compares results with the room of one seed."""
+
+    def __init__(self, seed: int) -> None:
+        self._room: Room = furnished_room(seed)
+        self._camera = RoomCamera.from_field_of_view(WIDTH, HEIGHT, math.radians(FOV_DEG))
+        self._frame = functools.lru_cache(2000)(self._render)
+        self._ranges: dict[int, Array] = {}
+
+    def _render(self, azimuth: int) -> npt.NDArray[np.uint8]:
+        """Frame of an arm azimuth [0.01°]."""
+        return self._room.render(math.radians(azimuth / 100), self._camera, ARM_RADIUS)
+
+    def wrong_columns(self, image: Any, info: Any) -> tuple[int, int]:
+        """Return how many columns of a panorama are untrue, and how many unknown."""
+        picture, geometry = to_array(image).astype(np.float64), panorama_geometry(info)
+        seen = np.flatnonzero(geometry.seen)
+        errors = [
+            np.abs(picture[:, x] - self._column(geometry, int(x))).mean() for x in seen
+        ]
+        return int(np.sum(np.array(errors) > WRONG_COLUMN)), geometry.columns - seen.size
+
+    def _column(self, geometry: PanoramaGeometry, x: int) -> Array:
+        """What the camera sees in a column, shape (H, 3)."""
+        angle = float(geometry.ray_angle[x])
+        azimuth = float(geometry.ray_azimuth(x)) - angle
+        frame = self._frame(round(math.degrees(azimuth) * 100) % 36000).astype(np.float64)
+        camera = self._camera
+        u = camera.cx - camera.fx * math.tan(angle)
+        # The slope of a row of the panorama, of the camera's pixels along this ray.
+        slope = geometry.slope(np.arange(geometry.rows))
+        v = camera.cy - slope * camera.fy / math.cos(angle)
+        return _sample(frame, np.full_like(v, u), v)
+
+    def scan_error(self, scan: Any, band: tuple[float, float] = (-0.15, 0.15)) -> float:
+        """Median relative error of a scan's finite ranges; +inf for none."""
+        ranges = np.array(scan.ranges, np.float64)
+        if ranges.size not in self._ranges:
+            self._ranges[ranges.size] = occupancy.true_ranges(self._room, band, ranges.size)
+        try:
+            return score_scan(ranges, self._ranges[ranges.size]).median_error
+        except ValueError:
+            return math.inf
+
+
+def _sample(image: Array, u: Array, v: Array) -> Array:
+    left = np.clip(np.floor(u).astype(int), 0, image.shape[1] - 2)
+    top = np.clip(np.floor(v).astype(int), 0, image.shape[0] - 2)
+    right_share, bottom_share = (u - left)[:, np.newaxis], (v - top)[:, np.newaxis]
+    upper = image[top, left] * (1 - right_share) + image[top, left + 1] * right_share
+    lower = image[top + 1, left] * (1 - right_share) + image[top + 1, left + 1] * right_share
+    sampled: Array = upper * (1 - bottom_share) + lower * bottom_share
+    return sampled
