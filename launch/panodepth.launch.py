@@ -12,14 +12,19 @@ from launch.actions import (
     RegisterEventHandler,
     SetEnvironmentVariable,
     Shutdown,
+    TimerAction,
 )
 from launch.event_handlers import OnProcessIO
+from launch.events.process import ProcessExited
+from launch.some_substitutions_type import SomeSubstitutionsType
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
 
 PACKAGE = 'panodepth_ros'
 NODES = ('arm_driver', 'camera', 'mosaicer', 'depth')
+#: Time after which a killed node is started again [s].
+RESPAWN_DELAY = 1.0
 #: What Fast DDS of Jazzy, and of Kilted and later, reads its profile from.
 PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 #: Where config/simulated.yaml expects the simulated arm.
@@ -50,22 +55,33 @@ def _mount(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     ]
 
 
+def _node(name: str, parameters: SomeSubstitutionsType) -> Node:
+    """Return a node that is started again if a signal kills it, but not if it ends by itself."""
+
+    def on_exit(
+        event: ProcessExited, context: LaunchContext
+    ) -> list[LaunchDescriptionEntity] | None:
+        if event.returncode >= 0 or context.is_shutdown:
+            return None
+        return [TimerAction(period=RESPAWN_DELAY, actions=[_node(name, parameters)])]
+
+    return Node(
+        package=PACKAGE,
+        executable=name,
+        namespace=LaunchConfiguration('namespace'),
+        parameters=[parameters],
+        output='screen',
+        on_exit=on_exit,
+    )
+
+
 def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     simulated = LaunchConfiguration('simulated').perform(context) == 'true'
     default = 'simulated.yaml' if simulated else 'real.yaml'
     parameters = LaunchConfiguration('params_file').perform(context) or PathJoinSubstitution(
         [FindPackageShare(PACKAGE), 'config', default]
     )
-    nodes = [
-        Node(
-            package=PACKAGE,
-            executable=name,
-            namespace=LaunchConfiguration('namespace'),
-            parameters=[parameters],
-            output='screen',
-        )
-        for name in NODES
-    ]
+    nodes = [_node(name, parameters) for name in NODES]
     if not simulated:
         return nodes
     program = ExecutableInPackage(executable='simulated_arm', package=PACKAGE)

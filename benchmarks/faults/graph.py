@@ -1,4 +1,4 @@
-"""The node graph as processes that may be killed, with what a campaign needs to see and disturb."""
+"""The node graph as processes that may be killed, and what a campaign sees and disturbs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sensor_msgs.msg import CameraInfo, Image, LaserScan
 from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
-from benchmarks.faults.arm import FaultyArm
+from benchmarks.faults.arm import MAX_RATE, FaultyArm
 from panodepth_ros.ros import qos
 
 #: The rig: few columns and small frames, so that a sweep takes seconds.
@@ -102,11 +102,11 @@ class Graph:
 
     def start(self, name: str) -> None:
         """Start a node."""
-        arguments = {
+        own: dict[str, dict[str, object]] = {
             'arm_driver': {
                 'port': self.link,
                 'step_deg': STEP_DEG,
-                'speed_deg_s': MAX_SPEED,
+                'speed_deg_s': MAX_RATE,
                 'settle_time': 0.0,
                 'status_rate': 20.0,
                 'response_timeout': 0.5,
@@ -126,13 +126,11 @@ class Graph:
                 'column_offset_px': COLUMN_OFFSET,
                 'column_step_deg': STEP_DEG,
                 'frame_timeout': 1.0,
-                **MOSAICER,
+                'state_file': self.folder / 'sweep.npz',
             },
             'depth': {'beams': BEAMS, 'threads': 1, 'range_min': ARM_RADIUS, 'min_support': 2.0},
-        }[name]
-        if 'state_file' in arguments:
-            arguments['state_file'] = str(self.folder / 'sweep.npz')
-        words = [word for item in arguments.items() for word in ('-p', '{}:={}'.format(*item))]
+        }
+        words = [word for item in own[name].items() for word in ('-p', '{}:={}'.format(*item))]
         if name == 'camera':
             for topic in ('image_raw', 'camera_info'):
                 words += ['-r', f'{topic}:=source/{topic}']
@@ -267,8 +265,3 @@ class Graph:
             for stamp in sorted(self.results)
             if len(self.results[stamp]) == len(_RESULTS)
         ]
-
-
-MAX_SPEED = 180.0
-#: Further parameters of the mosaicer.
-MOSAICER: dict[str, object] = {}

@@ -43,9 +43,7 @@ class Judge:
         """Return how many columns of a panorama are untrue, and how many unknown."""
         picture, geometry = to_array(image).astype(np.float64), panorama_geometry(info)
         seen = np.flatnonzero(geometry.seen)
-        errors = [
-            np.abs(picture[:, x] - self._column(geometry, int(x))).mean() for x in seen
-        ]
+        errors = [np.abs(picture[:, x] - self._column(geometry, int(x))).mean() for x in seen]
         return int(np.sum(np.array(errors) > WRONG_COLUMN)), geometry.columns - seen.size
 
     def _column(self, geometry: PanoramaGeometry, x: int) -> Array:

@@ -6,6 +6,7 @@ import logging
 import math
 import os
 import select
+import termios
 import time
 import tty
 from collections.abc import Callable
@@ -51,7 +52,8 @@ class SimulatedArm:
     Serves one controller on one pseudo-terminal, linked at a path, and publishes its truth.
 
     Opening the port powers the controller up anew, as the DTR line does on most boards: the
-    banner comes after the boot time and the count starts at 0 wherever the arm stands. A port
+    banner comes after the boot time and the count starts at 0 wherever the arm stands; but not if
+    the port was closed with DTR left on (``-hupcl``), for then opening it changes nothing. A port
     that is opened again in the same instant in which it was closed passes for never closed.
 
     Parameters
@@ -94,11 +96,15 @@ class SimulatedArm:
         self.controller = controller_type(publish=self._truth.write, **controller)
         self._master, terminal = os.openpty()
         tty.setraw(terminal)
+        attributes = termios.tcgetattr(terminal)
+        attributes[2] |= termios.HUPCL  # as serial ports have it from the beginning
+        termios.tcsetattr(terminal, termios.TCSANOW, attributes)
         self.terminal = os.ttyname(terminal)
         os.set_blocking(self._master, False)
         os.close(terminal)  # from now on the master sees whether somebody has the port open
         self._wake, self._waker = os.pipe()
         self._open = False
+        self._dtr = False  # whether the modem line stayed on when the port was closed
         self._stopping = False
         self._closed = False
         self._poll = select.poll()
@@ -136,8 +142,10 @@ class SimulatedArm:
             if is_open and not self._open:
                 self.controller.take_output()  # what was sent while nobody listened is lost
                 self._line.clear()
-                if self._reset_on_open:
+                if self._reset_on_open and not self._dtr:
                     self.controller.power_up(now)
+            elif self._open and not is_open:
+                self._dtr = not termios.tcgetattr(self._master)[2] & termios.HUPCL
             self._open = is_open
             if events.get(self._master, 0) & select.POLLIN:  # also what came before a hang-up
                 self._line.send(os.read(self._master, 4096), now)

@@ -32,6 +32,9 @@ class SerialLine:
     """
     An exclusively opened serial port.
 
+    The line that resets most boards when a port is opened (DTR) is left as it is when the port is
+    closed, by whatever ends the process: opened again, the board runs on and keeps its count.
+
     Parameters
     ----------
     port : str
@@ -55,6 +58,7 @@ class SerialLine:
                 write_timeout=_WRITE_TIMEOUT,
                 exclusive=True,
             )
+            _keep_dtr(self._serial.fileno())
         except (*_FAULTS, ValueError) as error:
             raise ArmConnectionError(f'cannot open port {port}: {_reason(error)}') from error
 
@@ -109,6 +113,13 @@ class SerialLine:
             raise ArmConnectionError(
                 f'connection on port {self.port} is lost: {_reason(error)}'
             ) from error
+
+
+def _keep_dtr(descriptor: int) -> None:
+    """Let the modem lines be when the port is closed (``stty -hupcl``)."""
+    attributes = termios.tcgetattr(descriptor)
+    attributes[2] &= ~termios.HUPCL
+    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
 
 
 def _reason(error: BaseException) -> str:

@@ -40,6 +40,13 @@ class Assembler(SweepBuilder[ArmTrack]):
         ready = standstill.start + self._settle_time
         return any(stamp >= ready for stamp, _ in self._pending)
 
+    def take_up(self, sweep: Sweep) -> None:
+        """Go on with a sweep of an earlier process; the arm stands and has settled."""
+        self.sweep = sweep
+        standstill = self.track.current
+        assert standstill is not None
+        standstill.arrived = True
+
     def _use(self, stamp: int, image: npt.NDArray[np.uint8], place: Standstill) -> list[Sweep]:
         """Give the first good frame of a standstill to the sweep."""
         if place.start < self._not_before or self._served == place.start:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -214,6 +216,17 @@ class Sweep:
         return (self._last_azimuth - self._first_azimuth) * 1e9 / (self.end - self.start)
 
     @property
+    def last_azimuth(self) -> float:
+        """Arm azimuth of the last frame [rad]."""
+        return self._last_azimuth
+
+    @property
+    def direction(self) -> int:
+        """1 if the arm turns counter-clockwise, −1 if clockwise; 0 before the second frame."""
+        way = self._last_azimuth - self._first_azimuth
+        return int(math.copysign(1.0, way)) if way else 0
+
+    @property
     def seen(self) -> npt.NDArray[np.bool_]:
         """Columns that a frame has reached, shape (N,)."""
         return np.asarray(np.isfinite(self._deviation))
@@ -352,6 +365,52 @@ class Sweep:
             panoramas[name] = Panorama(view.image.copy(), geometry)
         return panoramas
 
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Return all that frames have left here, for :meth:`restored`."""
+        moments = [self.start or 0, self.end or 0]
+        arrays: dict[str, npt.NDArray[Any]] = {
+            'moments': np.array(moments, np.int64),
+            'azimuths': np.array([self._first_azimuth, self._last_azimuth]),
+            'deviation': self._deviation.copy(),
+        }
+        for name, view in self._views.items():
+            assert view.image is not None
+            arrays[f'{name}.image'] = view.image.copy()
+            arrays[f'{name}.ray_angle'] = view.ray_angle.copy()
+        return arrays
+
+    @classmethod
+    def restored(
+        cls, rig: Rig, camera: PinholeCamera, arrays: Mapping[str, npt.NDArray[Any]]
+    ) -> Sweep:
+        """
+        Make the sweep whose :meth:`arrays` these are.
+
+        Raises
+        ------
+        ValueError
+            If they are not those of a sweep of this rig and camera.
+        """
+        azimuths = _checked(arrays, 'azimuths', (2,), np.float64)
+        sweep = cls(rig, camera, float(azimuths[0]))
+        sweep._last_azimuth = float(azimuths[1])
+        sweep.start, sweep.end = map(int, _checked(arrays, 'moments', (2,), np.int64))
+        deviation = _checked(arrays, 'deviation', (rig.columns,), np.float64)
+        seen = np.isfinite(deviation)
+        reach = rig.reach * rig.column_step
+        if not np.isfinite(azimuths).all() or not (np.abs(deviation[seen]) <= reach).all():
+            raise ValueError('its numbers are not those of a sweep')
+        sweep._deviation = deviation
+        for name, view in sweep._views.items():
+            image = arrays.get(f'{name}.image', np.empty(0))
+            colours = image.shape[2:]
+            shape = (view.rows, rig.columns, *((3,) if colours else ()))
+            view.image = _checked(arrays, f'{name}.image', shape, np.uint8)
+            view.ray_angle = _checked(arrays, f'{name}.ray_angle', (rig.columns,), np.float64)
+            if not np.array_equal(np.isfinite(view.ray_angle), seen):
+                raise ValueError(f'{name} has other columns than the sweep')
+        return sweep
+
     def missing_sectors(self) -> list[tuple[float, float]]:
         """
         Arm azimuths of the stretches that no frame reached.
@@ -371,6 +430,17 @@ class Sweep:
             )
             for run in runs
         ]
+
+
+def _checked(
+    arrays: Mapping[str, npt.NDArray[Any]], name: str, shape: tuple[int, ...], kind: type
+) -> npt.NDArray[Any]:
+    """Return an array of a state if it is what it should be."""
+    array = arrays.get(name)
+    if array is None or array.shape != shape or array.dtype != kind:
+        found = 'nothing' if array is None else f'{array.dtype} {array.shape}'
+        raise ValueError(f'{name} is {found}; allowed: {np.dtype(kind)} {shape}')
+    return np.array(array)
 
 
 def _widest(rig: Rig, camera: PinholeCamera, offsets_px: tuple[float, ...]) -> float:

@@ -17,6 +17,7 @@ from std_msgs.msg import Header
 from panodepth_ros.geometry import Panorama, check_pair, distance_stddev
 from panodepth_ros.matching import METHODS, match, prepare, triangulate_match, window_geometry
 from panodepth_ros.mosaic.sweep import panorama_names
+from panodepth_ros.nodes.latecomer import Latecomer
 from panodepth_ros.nodes.republisher import Republisher
 from panodepth_ros.nodes.still_settings import StillParameters
 from panodepth_ros.nodes.worker import Worker
@@ -187,6 +188,7 @@ class Depth(Node):
         self._passed_over = 0
         self._worker = Worker('matching', self._run, self._on_failure, (_SWEEP,))
         self._resources.callback(self._worker.close)
+        self._latecomer = Latecomer(self)
         for topic in topics:
             kind = _KINDS[topic.rpartition('/')[2]]
             self.create_subscription(
@@ -211,6 +213,7 @@ class Depth(Node):
         messages = self._matcher.add(topic, message)
         if messages is None:
             return
+        self._latecomer.served()
         self._republisher.pause(True)
         if self._worker.put(_SWEEP, messages):
             self._republisher.pause(False)  # for the sweep that gives its place up

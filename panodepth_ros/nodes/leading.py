@@ -19,11 +19,14 @@ from std_srvs.srv import SetBool, Trigger
 
 from panodepth_ros.mosaic import Assembler, ContinuousAssembler, Standstill
 from panodepth_ros.mosaic.builder import SweepBuilder
+from panodepth_ros.nodes.arm_watch import ArmWatch
 from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
 from panodepth_ros.ros.diagnostics import OK, WARN
 
 #: A stamp after all others [ns].
 NEVER = 2**63
+#: A new driver of the arm is given this time to be found before it is asked for anything [s].
+DISCOVERY_TIME = 0.5
 
 
 class Leader(ABC):
@@ -40,6 +43,8 @@ class Leader(ABC):
         The parameters in force.
     give_up : callable
         Called with a sentence when a sweep cannot go on.
+    watch : ArmWatch
+        Whether the arm is out of sight.
     """
 
     kind: type
@@ -51,11 +56,13 @@ class Leader(ABC):
         builder: SweepBuilder[Any],
         settings: Callable[[], MosaicerParameters],
         give_up: Callable[[str], None],
+        watch: ArmWatch,
     ) -> None:
         self._node = node
         self._builder = builder
         self._settings = settings
         self._give_up = give_up
+        self._watch = watch
         self._client = node.create_client(self.kind, self.service)
         self._waiting_since = 0.0
         self._answer: Any = None
@@ -73,6 +80,28 @@ class Leader(ABC):
     @abstractmethod
     def begin(self) -> str:
         """Begin a sweep and describe it."""
+
+    @abstractmethod
+    def whereabouts(self) -> tuple[float, float]:
+        """Between which azimuths an arm that was out of sight can have gone by itself [rad]."""
+
+    @abstractmethod
+    def go_on(self, azimuth: float, *, restarted: bool) -> str:
+        """
+        Go on after the arm was out of sight.
+
+        Parameters
+        ----------
+        azimuth : float
+            Where it stands now [rad].
+        restarted : bool
+            Whether its driver, who knows nothing of what he was asked for, is a new one.
+
+        Returns
+        -------
+        str
+            What comes of the sweep, in words.
+        """
 
     @abstractmethod
     def advance(self) -> None:
@@ -120,6 +149,13 @@ class Leader(ABC):
             throttle_duration_sec=self._settings().frame_timeout,
         )
 
+    def _complain_of_arm(self, what: str) -> None:
+        self._node.get_logger().error(
+            f'no joint state and no answer of the arm for {self.waited:.1f} s: the sweep waits at '
+            f'{what} for its driver',
+            throttle_duration_sec=self._settings().frame_timeout,
+        )
+
 
 class TurnWatch:
     """Tells whether an arm turns on, by its azimuth; an encoder that trembles is no turn."""
@@ -140,6 +176,11 @@ class StepLeader(Leader):
     Steps the arm on, frame by frame.
 
     Before the first step the arm turns back its cable, if its driver offers that.
+
+    Parameters
+    ----------
+    keep : callable
+        Called with the arm azimuth [rad] before each step is asked for.
     """
 
     kind = Trigger
@@ -151,20 +192,26 @@ class StepLeader(Leader):
         builder: Assembler,
         settings: Callable[[], MosaicerParameters],
         give_up: Callable[[str], None],
+        watch: ArmWatch,
+        keep: Callable[[float], None],
     ) -> None:
-        super().__init__(node, builder, settings, give_up)
+        super().__init__(node, builder, settings, give_up, watch)
         self._assembler = builder
+        self._keep = keep
         self._rig = builder.rig
         self._unwind_client = node.create_client(Trigger, 'arm_driver/unwind')
         self._progress = TurnWatch()
         self._steps = 0
         self._azimuth = math.nan
         self._after = 0
+        self._ask_from = 0.0  # by time.monotonic() [s]
+        self._back = False  # whether the arm stands where it was found after an absence
 
     def begin(self) -> str:
         """See :meth:`Leader.begin`."""
         self._rig = self._assembler.rig  # a live parameter acts on the next sweep
         self._steps = 0
+        self._back = False
         self._after = self._assembler.track.newest or 0
         if self._unwind_client.service_is_ready():
             self._progress = TurnWatch()
@@ -186,12 +233,15 @@ class StepLeader(Leader):
         if self._steps == 0:
             self._advance_unwinding(standstill)
         elif standstill is None or self._moving(standstill):
-            if self.waited > settings.step_timeout:
+            if self._answer is not None and self._watch.silent:
+                if self.waited > settings.frame_timeout:
+                    self._complain_of_arm(f'frame {self._steps} of {frames}')
+            elif self.waited > settings.step_timeout:
                 self._give_up(
                     f'the arm did not take a step and report standing still within '
                     f'{settings.step_timeout:g} s'
                 )
-        elif not self._took_one_stripe(standstill):
+        elif not self._back and not self._took_one_stripe(standstill):
             stripe, step = settings.stripe_columns, settings.column_step_deg
             columns = f'{stripe} columns of {step:g}' if stripe > 1 else f'{step:g}'
             moved = math.degrees(standstill.azimuth - self._azimuth)
@@ -202,8 +252,39 @@ class StepLeader(Leader):
         elif not self._assembler.has_frame_of(standstill):
             if self.waited > settings.frame_timeout:
                 self._complain(f'frame {self._steps} of {frames}')
-        elif self._steps < frames:
+        elif self._steps < frames and time.monotonic() >= self._ask_from:
             self._step(standstill.azimuth)
+
+    def whereabouts(self) -> tuple[float, float]:
+        """See :meth:`Leader.whereabouts`: where it stood, and a step beyond."""
+        if self._steps == 0:
+            return -math.inf, math.inf
+        sweep, stripe = self._assembler.sweep, self._rig.stripe_columns * self._rig.column_step
+        if sweep is None or not sweep.direction:
+            return self._azimuth - stripe, self._azimuth + stripe
+        return self._azimuth, self._azimuth + sweep.direction * stripe
+
+    def go_on(self, azimuth: float, *, restarted: bool) -> str:
+        """See :meth:`Leader.go_on`: the column where the arm stands is the next one."""
+        if not restarted:
+            self._waiting_since = time.monotonic()
+            return 'the sweep goes on'
+        self._answer = None
+        self._ask_from = time.monotonic() + DISCOVERY_TIME
+        if self._steps == 0:
+            self.begin()
+            return 'the sweep begins anew'
+        self.take_up(azimuth)
+        return f'the sweep resumes at frame {self._steps} of {self._rig.sweep_frames}'
+
+    def take_up(self, azimuth: float) -> None:
+        """Go on with the builder's sweep at an arm azimuth [rad] where the arm stands."""
+        self._rig = self._assembler.rig
+        rig, sweep = self._rig, self._assembler.sweep
+        left = sweep.columns_left(azimuth) if sweep is not None else rig.sweep_columns - 1
+        self._steps = max(1, rig.sweep_frames - max(0, -(-left // rig.stripe_columns)))
+        self._azimuth, self._after, self._back = azimuth, 0, True
+        self._waiting_since = time.monotonic()
 
     def waits_for(self) -> tuple[bytes, str]:
         """See :meth:`Leader.waits_for`."""
@@ -247,8 +328,10 @@ class StepLeader(Leader):
     def _step(self, azimuth: float) -> None:
         """Ask for a step from an arm azimuth [rad]."""
         self._steps += 1
+        self._back = False
         self._azimuth = azimuth
         self._after = self._assembler.track.newest or 0
+        self._keep(azimuth)
         self._ask(self._client, Trigger.Request(), 'the arm refused a step')
 
 
@@ -269,8 +352,9 @@ class SpinLeader(Leader):
         builder: ContinuousAssembler,
         settings: Callable[[], MosaicerParameters],
         give_up: Callable[[str], None],
+        watch: ArmWatch,
     ) -> None:
-        super().__init__(node, builder, settings, give_up)
+        super().__init__(node, builder, settings, give_up, watch)
         self._seen = 0
         self._braking: Any = None  # the answer to the last stop, while it is awaited
         self._asked = False
@@ -323,6 +407,18 @@ class SpinLeader(Leader):
             f'column {self._columns_seen()} of {self._builder.rig.sweep_columns}: '
             f'waiting for {what if on_arm else "a frame"} for {self.waited:.1f} s',
         )
+
+    def whereabouts(self) -> tuple[float, float]:
+        """See :meth:`Leader.whereabouts`: anywhere, for the arm may turn on."""
+        return -math.inf, math.inf
+
+    def go_on(self, azimuth: float, *, restarted: bool) -> str:
+        """See :meth:`Leader.go_on`: a new driver has to be told to turn."""
+        if not restarted:
+            return 'the sweep goes on'
+        self._answer = self._braking = None
+        self.begin()
+        return 'the sweep begins anew'
 
     def end(self) -> None:
         """See :meth:`Leader.end`; stops the arm and takes no frame of it any more."""

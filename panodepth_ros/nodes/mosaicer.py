@@ -14,7 +14,10 @@ from std_srvs.srv import Trigger
 from panodepth_ros.geometry import Panorama
 from panodepth_ros.mosaic import Assembler, ContinuousAssembler, Sweep
 from panodepth_ros.mosaic.clock import DelayCheck
-from panodepth_ros.mosaic.sweep import panorama_names
+from panodepth_ros.mosaic.continuity import doubt
+from panodepth_ros.mosaic.sweep import REACH_BEYOND, panorama_names
+from panodepth_ros.nodes.arm_watch import Absence, ArmWatch
+from panodepth_ros.nodes.keeping import SweepKeeper
 from panodepth_ros.nodes.leading import Leader, SpinLeader, StepLeader
 from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
 from panodepth_ros.nodes.robot_watch import RobotWatch
@@ -36,12 +39,15 @@ LONGEST_DELAY, LARGEST_DELAY_STDDEV = 0.2, 0.005
 _NO_CAMERA = 'no camera_info received yet'
 #: How often waiting is checked against its timeouts [s].
 _WATCH_PERIOD = 0.25
+#: How long a mosaicer that was restarted sees the arm standing before it takes a sweep up [ns].
+_SEEN_STANDING = 500_000_000
 
 
 class Mosaicer(Node):
     """Leads or follows sweeps and publishes their panoramas. Topics and parameters: README."""
 
     def __init__(self, **node_args: Any) -> None:
+        self._leading = False  # first: the context may destroy a half-built node
         super().__init__(
             'mosaicer', automatically_declare_parameters_from_overrides=True, **node_args
         )
@@ -50,7 +56,6 @@ class Mosaicer(Node):
         )
         self._assembler = self._settings.builder()
         self._delay_check = DelayCheck()
-        self._leading = False
         self._camera_fault = _NO_CAMERA
         self._reported = -1.0
         self._last_end = 'none yet'
@@ -64,6 +69,10 @@ class Mosaicer(Node):
                 CameraInfo, f'{name}/camera_info', qos.PANORAMAS
             )
         self._progress_publisher = self.create_publisher(Float32, '~/progress', 10)
+        self._last_panoramas: list[tuple[Publisher, Any]] = []
+        self._keeper = SweepKeeper(self, self._settings.state_file)
+        self._arm_watch = ArmWatch(self, self._settings.joint_state_gap)
+        self._absence: Absence | None = None
         self._leader = self._make_leader()
         self._robot = RobotWatch(
             self, self._assembler, self._settings, lambda: self._publish([]), self._give_up
@@ -80,6 +89,7 @@ class Mosaicer(Node):
             )
         self.create_service(Trigger, '~/start', self._on_start)
         self.create_service(Trigger, '~/cancel', self._on_cancel)
+        self.create_service(Trigger, '~/publish_last', self._on_publish_last)
         self.create_timer(_WATCH_PERIOD, self._advance)
         publish_diagnostics(self, 'sweep', self._diagnose)
         self.get_logger().info(
@@ -140,9 +150,40 @@ class Mosaicer(Node):
         except ValueError as error:
             self._assembler.drops[str(error)] += 1
             return
-        if reading is not None:
-            self._publish(self._assembler.add_joint_state(*reading))
-            self._advance()
+        if reading is None:
+            return
+        stamp, azimuth, velocity = reading
+        if (absence := self._arm_watch.see(stamp)) is not None:
+            known = self._absence is not None and self._absence.restarted
+            self._absence = Absence(absence.seconds, absence.restarted or known)
+        if self._absence is not None and not velocity:
+            absence, self._absence = self._absence, None
+            self._on_return(azimuth, absence)
+        self._publish(self._assembler.add_joint_state(stamp, azimuth, velocity))
+        self._advance()
+
+    def _on_return(self, azimuth: float, absence: Absence) -> None:
+        """Go on, or not, with an arm that stands somewhere after it was out of sight."""
+        sweep = self._assembler.sweep
+        if self._leading:
+            between = self._leader.whereabouts()
+        elif isinstance(self._assembler, Assembler) and sweep is not None:
+            step = sweep.rig.stripe_columns * sweep.rig.column_step
+            ahead = sweep.last_azimuth + sweep.direction * step
+            between = (sweep.last_azimuth - (0.0 if sweep.direction else step), ahead)
+        else:
+            return
+        tolerance = REACH_BEYOND * self._assembler.rig.column_step
+        fault = doubt(azimuth, between, tolerance, restarted=absence.restarted)
+        if fault:
+            self._give_up(f'after {absence.seconds:.1f} s {fault}; see to the arm, home it')
+        elif self._leading:
+            what = self._leader.go_on(azimuth, restarted=absence.restarted)
+            who = 'by a new driver ' if absence.restarted else ''
+            self.get_logger().warning(
+                f'the arm is heard of again {who}after {absence.seconds:.1f} s, at '
+                f'{math.degrees(azimuth):.2f}°: {what}'
+            )
 
     # --- services -----------------------------------------------------------------------------
 
@@ -152,15 +193,21 @@ class Mosaicer(Node):
         newest = self._assembler.track.newest
         if response.message or newest is None:
             return response
+        response.message = self._begin(newest)
+        return response
+
+    def _begin(self, newest: int) -> str:
+        """Begin a led sweep of what comes after a joint state; describe it."""
         self._assembler.restart(newest + 1)
         self._assembler.rig = self._settings.rig()
         self._delay_check = DelayCheck()
         self._assembler.drops.clear()
         self._leading = True
-        response.message = self._leader.begin()
+        self._keep_sweep(self._assembler.track.position)
+        message = self._leader.begin()
         self._publish_progress(0.0)
-        self.get_logger().info(response.message)
-        return response
+        self.get_logger().info(message)
+        return message
 
     def _why_not_start(self) -> str:
         """Return a sentence for the user, empty if nothing is in the way."""
@@ -177,10 +224,20 @@ class Mosaicer(Node):
         return self._robot.why_not_start()
 
     def _on_cancel(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self._leading or self._assembler.sweep is not None
+        response.success = (
+            self._leading or self._keeper.pending or self._assembler.sweep is not None
+        )
         response.message = 'sweep cancelled' if response.success else 'no sweep is running'
         if response.success:
             self._give_up('cancelled')
+        return response
+
+    def _on_publish_last(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Publish the last panoramas again, for who was not there."""
+        for publisher, message in self._last_panoramas:
+            publisher.publish(message)
+        response.success = bool(self._last_panoramas)
+        response.message = 'published' if response.success else 'there are no panoramas yet'
         return response
 
     # --- leading ------------------------------------------------------------------------------
@@ -188,20 +245,78 @@ class Mosaicer(Node):
     def _make_leader(self) -> Leader:
         builder, in_force = self._assembler, lambda: self._settings
         if isinstance(builder, ContinuousAssembler):
-            return SpinLeader(self, builder, in_force, self._give_up)
+            return SpinLeader(self, builder, in_force, self._give_up, self._arm_watch)
         assert isinstance(builder, Assembler)
-        return StepLeader(self, builder, in_force, self._give_up)
+        return StepLeader(
+            self, builder, in_force, self._give_up, self._arm_watch, self._keep_sweep
+        )
 
     def _advance(self) -> None:
         """Take the led sweep as far as what has arrived allows."""
         self._report_progress()
         if self._leading:
             self._leader.advance()
+            self._keeper.update(self._assembler.sweep)
+        elif self._keeper.pending:
+            self._take_up()
 
     def _stop_leading(self) -> None:
+        self._keeper.forget()
         if self._leading:
             self._leading = False
             self._leader.end()
+
+    def _keep_sweep(self, azimuth: float) -> None:
+        self._keeper.keep(self._assembler.sweep, azimuth, self._arm_watch.sources())
+
+    def _take_up(self) -> None:
+        """Go on with the sweep of a mosaicer that was killed, as soon as all is there."""
+        builder, newest = self._assembler, self._assembler.track.newest
+        if self._why_not_start() or newest is None or builder.camera is None:
+            return
+        if isinstance(builder, Assembler):
+            standstill = builder.track.current
+            if standstill is None or standstill.end - standstill.start < _SEEN_STANDING:
+                return
+        state = self._keeper.find(builder.rig, builder.camera)
+        if state is None:
+            return
+        azimuth, log = builder.track.position, self.get_logger()
+        try:
+            sweep = state.sweep(builder.rig, builder.camera)
+        except ValueError as error:
+            log.warning(f'the sweep under way is not taken up: {error}; it begins anew')
+            self._begin(newest)
+            return
+        between = -math.inf, math.inf
+        if sweep is not None:
+            step = builder.rig.stripe_columns * builder.rig.column_step
+            behind = 0.0 if sweep.direction else step
+            between = state.azimuth - behind, state.azimuth + (sweep.direction or 1) * step
+        sources = {gid.hex() for gid in self._arm_watch.sources()}
+        fault = doubt(
+            azimuth,
+            between,
+            REACH_BEYOND * builder.rig.column_step,
+            restarted=not sources <= set(state.sources),
+        )
+        if fault:
+            self._give_up(f'the mosaicer was restarted and {fault}; see to the arm, home it')
+            return
+        if sweep is None or not isinstance(builder, Assembler):
+            log.warning('the mosaicer was restarted: the sweep under way begins anew')
+            self._leader.end()
+            self._begin(newest)
+            return
+        assert isinstance(self._leader, StepLeader)
+        self._leading = True
+        builder.take_up(sweep)
+        self._leader.take_up(azimuth)
+        log.warning(
+            f'the mosaicer was restarted: the sweep under way goes on at '
+            f'{math.degrees(azimuth):.2f}° with '
+            f'{sweep.seen.sum()} columns'
+        )
 
     def _give_up(self, reason: str) -> None:
         self._delay_check = DelayCheck()
@@ -239,6 +354,12 @@ class Mosaicer(Node):
             return OK, f'{seen} of {sweep.rig.sweep_columns} columns, as frames come'
         return OK, 'ready' if self._settings.lead else 'listening'
 
+    def destroy_node(self) -> None:
+        """Forget the sweep under way, for the end is wanted; destroy the node. May run twice."""
+        if self._leading:
+            self._keeper.forget()
+        super().destroy_node()
+
     # --- results ------------------------------------------------------------------------------
 
     def _publish(self, sweeps: list[Sweep]) -> None:
@@ -252,12 +373,19 @@ class Mosaicer(Node):
         panoramas = sweep.panoramas()
         self._check_delay(panoramas['center'], sweep.velocity)
         header = Header(stamp=to_stamp(sweep.end or 0), frame_id=self._settings.frame_id)
+        self._last_panoramas = []
         for name, panorama in panoramas.items():
             encoding = 'bgr8' if panorama.image.ndim == 3 else 'mono8'
-            self._info_publishers[name].publish(panorama_info(panorama.geometry, header))
-            self._image_publishers[name].publish(
-                to_message(panorama.image, encoding, stamp=header.stamp, frame_id=header.frame_id)
+            image = to_message(
+                panorama.image, encoding, stamp=header.stamp, frame_id=header.frame_id
             )
+            info = panorama_info(panorama.geometry, header)
+            self._last_panoramas += [
+                (self._info_publishers[name], info),
+                (self._image_publishers[name], image),
+            ]
+        for publisher, message in self._last_panoramas:
+            publisher.publish(message)
         for first, last in sweep.missing_sectors() if not sweep.complete else []:
             self.get_logger().warning(
                 f'no frame reached the columns from {math.degrees(first):.1f}° to '

@@ -152,6 +152,12 @@ class MosaicerParameters(StillParameters):
         False, 'Whether cmd_vel is TwistStamped, as in Kilted and later, or Twist'
     )
 
+    state_file: str = parameter(
+        '',
+        'Where a led sweep is kept, so that a killed mosaicer goes on with it; best in memory, as '
+        'under /dev/shm; empty for nowhere',
+    )
+
     def __post_init__(self) -> None:
         turn = columns_per_turn(self.column_step_deg)
         if turn % self.stripe_columns:

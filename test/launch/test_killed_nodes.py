@@ -1,0 +1,58 @@
+"""Nodes killed in the middle of a sweep: the sweep goes on by itself and is true."""
+
+import signal
+
+import pytest
+
+from benchmarks.faults.graph import Graph
+from benchmarks.faults.judge import Judge
+
+pytestmark = [pytest.mark.ros, pytest.mark.launch, pytest.mark.timeout(180)]
+
+
+@pytest.fixture
+def graph(ros_domain, tmp_path):
+    graph = Graph(tmp_path, ros_domain)
+    try:
+        yield graph
+    finally:
+        graph.close()
+
+
+def wait(graph, condition, what):
+    assert graph.until(condition, 60.0), f'{what} did not come; {graph.log("mosaicer")}'
+
+
+def test_sweep_survives_the_death_of_each_node(graph):
+    wait(graph, lambda: 'ready' in graph.log('depth'), 'the depth node')
+    assert graph.begin_sweep(60.0) == ''
+    for share, name in ((0.2, 'arm_driver'), (0.4, 'mosaicer'), (0.6, 'camera')):
+        wait(graph, lambda share=share: graph.share > share, f'{share:.0%} of the sweep')
+        graph.kill(name)
+    wait(graph, lambda: graph.share > 0.8, '80% of the sweep')
+    graph.signal('depth', signal.SIGSTOP)  # it takes nothing more, and does not come back
+    wait(graph, lambda: graph.share == 1.0, 'the panoramas')
+    graph.kill('depth')
+    wait(graph, lambda: graph.scans, 'the scan')
+    result = graph.scans[0]
+    judge = Judge(0)
+    for eye in ('left', 'right'):
+        wrong, unknown = judge.wrong_columns(result[f'{eye}/image'], result[f'{eye}/camera_info'])
+        assert wrong == 0
+        assert unknown <= 1  # the frame of the moment in which the mosaicer died
+    assert judge.scan_error(result['scan']) < 0.15
+    said = graph.log('mosaicer')
+    assert 'heard of again by a new driver' in said
+    assert 'the sweep resumes at frame' in said
+    assert 'the mosaicer was restarted: the sweep under way goes on' in said
+    assert not (graph.folder / 'sweep.npz').exists()
+
+
+def test_driver_that_comes_back_with_another_count_ends_the_sweep(graph):
+    assert graph.begin_sweep(60.0) == ''
+    wait(graph, lambda: graph.share > 0.3, '30% of the sweep')
+    graph.kill('arm_driver')
+    graph.arm.do(lambda controller, now: controller.power_up(now))
+    wait(graph, lambda: graph.given_up, 'the end of the sweep')
+    assert 'heard of again at 0.00°; allowed:' in graph.log('mosaicer')
+    assert graph.scans == []
