@@ -159,8 +159,8 @@ def cut_open(left: Panorama, right: Panorama) -> tuple[ColourPair, int]:
         return np.ascontiguousarray(np.roll(array, -seam, axis=-1))
 
     pair = ColourPair(
-        left=rolled(_colours(left)),
-        right=rolled(_colours(right)),
+        left=rolled(colours(left)),
+        right=rolled(colours(right)),
         left_grey=rolled(bridged(grey.left, grey.left_seen)),
         right_grey=rolled(bridged(grey.right, grey.right_seen)),
         left_seen=np.roll(grey.left_seen, -seam),
@@ -171,7 +171,8 @@ def cut_open(left: Panorama, right: Panorama) -> tuple[ColourPair, int]:
     return pair, seam
 
 
-def _colours(panorama: Panorama) -> Bytes:
+def colours(panorama: Panorama) -> Bytes:
+    """Blue, green and red of a panorama, shape (3, H, W); thrice the grey level of a grey one."""
     image = panorama.image
     if image.ndim == 3:
         return np.ascontiguousarray(np.moveaxis(image, 2, 0))

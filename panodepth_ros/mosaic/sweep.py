@@ -18,6 +18,8 @@ from panodepth_ros.mosaic.lookup import ColumnLookup, focal_length, snapped, vis
 REACH_BEYOND = 0.25
 #: A pixel reaches half a pixel beyond its centre.
 _HALF_PIXEL = 0.5 + 1e-6
+#: Frames so close to a column's place have met it [columns].
+_SAME_PLACE = 1e-6
 #: 360° may differ by this much from a whole number of column steps [columns].
 WHOLE_TURN_TOLERANCE = 0.02
 
@@ -232,6 +234,22 @@ class Sweep:
         return np.asarray(np.isfinite(self._deviation))
 
     @property
+    def settled(self) -> npt.NDArray[np.bool_]:
+        """
+        Columns that no later frame changes, shape (N,), as long as the arm keeps its direction.
+
+        The arm has passed their places. Those that the first frame filled behind it may be filled
+        again by the last one.
+        """
+        rig, turned = self.rig, self._last_azimuth - self._first_azimuth
+        azimuth = self._reference + (rig.columns / 2 - np.arange(rig.columns)) * rig.column_step
+        ahead = math.copysign(1.0, turned) * (azimuth - self._first_azimuth) / rig.column_step
+        # Rounding must not decide about a column that a frame has met exactly.
+        ahead = (ahead + _SAME_PLACE) % rig.columns
+        passed = ahead <= abs(turned) / rig.column_step + 2 * _SAME_PLACE
+        return np.asarray(self.seen & passed & (ahead < rig.columns - rig.reach))
+
+    @property
     def progress(self) -> float:
         """Share of the sweep's columns that are seen, in [0, 1]."""
         return min(1.0, int(self.seen.sum()) / self.rig.sweep_columns)
@@ -331,9 +349,14 @@ class Sweep:
         self._deviation[x] = abs(deviation)
         return True
 
-    def panoramas(self) -> dict[str, Panorama]:
+    def panoramas(self, *, settled: bool = False) -> dict[str, Panorama]:
         """
         Return the panoramas as they are, by the names of :func:`panorama_names`.
+
+        Parameters
+        ----------
+        settled : bool
+            Whether only what is :attr:`settled` counts as seen.
 
         Raises
         ------
@@ -343,6 +366,7 @@ class Sweep:
         if self.start is None or self.end is None:
             raise ValueError('no column was seen yet')
         duration = (self.end - self.start) / 1e9
+        shown = self.settled if settled else self.seen
         panoramas = {}
         for name, view in self._views.items():
             assert view.image is not None
@@ -359,7 +383,7 @@ class Sweep:
                 arm_radius=self.rig.arm_radius,
                 principal_angle=view.principal_angle,
                 sweep_duration=duration,
-                ray_angle=view.ray_angle.copy(),
+                ray_angle=np.where(shown, view.ray_angle, np.nan),
                 stripe_distance=self.rig.stripe_distance,
             )
             panoramas[name] = Panorama(view.image.copy(), geometry)

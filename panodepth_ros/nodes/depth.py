@@ -10,21 +10,31 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, LaserScan, PointCloud2
 from std_msgs.msg import Header
 
-from panodepth_ros.geometry import Panorama, check_pair, distance_stddev
-from panodepth_ros.matching import METHODS, match, prepare, triangulate_match, window_geometry
+from panodepth_ros.geometry import PanoramaGeometry, Points, check_pair, distance_stddev
+from panodepth_ros.matching import (
+    METHODS,
+    Correspondence,
+    match,
+    prepare,
+    triangulate_match,
+    window_geometry,
+)
 from panodepth_ros.mosaic.sweep import panorama_names
 from panodepth_ros.nodes.latecomer import Latecomer
+from panodepth_ros.nodes.panoramas import KINDS, read_panorama
 from panodepth_ros.nodes.republisher import Republisher
+from panodepth_ros.nodes.sectors import Sectors
 from panodepth_ros.nodes.still_settings import StillParameters
 from panodepth_ros.nodes.worker import Worker
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, Report, publish_diagnostics
-from panodepth_ros.ros.images import to_bgr_or_mono, to_message
-from panodepth_ros.ros.messages import laser_scan, panorama_geometry, stddev_of_scan
+from panodepth_ros.ros.images import to_message
+from panodepth_ros.ros.messages import laser_scan, values_of_scan
 from panodepth_ros.ros.parameters import declare_parameters, parameter
 from panodepth_ros.ros.pointcloud import point_cloud
 from panodepth_ros.ros.process import run_node
@@ -32,9 +42,9 @@ from panodepth_ros.ros.sync import StampMatcher
 from panodepth_ros.scan.beams import ScanSettings, beam_confidence, laser_ranges
 from panodepth_ros.scan.uncertainty import Uncertainty, scan_with_stddev
 
-#: The worker's kind of job: the panoramas of a finished sweep.
-_SWEEP = 'sweep'
-_KINDS = {'image': Image, 'camera_info': CameraInfo}
+Ranges = npt.NDArray[np.float32]
+#: The worker's kinds of jobs: the panoramas of a finished sweep, and of one that grows.
+_SWEEP, _PARTIAL = 'sweep', 'partial'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,7 +175,7 @@ class Depth(Node):
         self._panoramas = panorama_names(
             self._settings.further_pairs, center=self._settings.use_center
         )
-        topics = tuple(f'{name}/{kind}' for name in self._panoramas for kind in _KINDS)
+        topics = tuple(f'{name}/{kind}' for name in self._panoramas for kind in KINDS)
         self._matcher = StampMatcher(topics, depth=4, report=self._on_incomplete)
         self._depth_publisher = self.create_publisher(Image, 'depth/image', qos.PANORAMAS)
         self._confidence_publisher = self.create_publisher(
@@ -186,11 +196,17 @@ class Depth(Node):
             promised=self._settings.robot_stands_still,
         )
         self._passed_over = 0
-        self._worker = Worker('matching', self._run, self._on_failure, (_SWEEP,))
+        self._worker = Worker('matching', self._run, self._on_failure, (_SWEEP, _PARTIAL))
         self._resources.callback(self._worker.close)
         self._latecomer = Latecomer(self)
+        self._sectors = Sectors(
+            self,
+            beams=self._settings.beams,
+            earliest=lambda start: start,
+            offer=lambda messages: self._worker.put(_PARTIAL, messages),
+        )
         for topic in topics:
-            kind = _KINDS[topic.rpartition('/')[2]]
+            kind = KINDS[topic.rpartition('/')[2]]
             self.create_subscription(
                 kind, topic, lambda message, topic=topic: self._on(topic, message), qos.PANORAMAS
             )
@@ -223,10 +239,19 @@ class Depth(Node):
                 f'{self._passed_over} passed over so far'
             )
 
-    def _run(self, _kind: Hashable, messages: dict[Any, Any]) -> None:
+    def _run(self, kind: Hashable, messages: dict[Any, Any]) -> None:
         """Do the worker's jobs, in a thread of their own, so that services stay answered."""
+        parameters = self._settings
+        if kind == _PARTIAL:
+            self._sectors.match(
+                messages,
+                lambda matched, left, right: _scan_of(matched, left, right, parameters)[1],
+                parameters.scan_settings(),
+                threads=parameters.threads,
+            )
+            return
         try:
-            self._match(messages, self._settings)
+            self._match(messages, parameters)
         finally:
             self._republisher.pause(False)
 
@@ -246,13 +271,7 @@ class Depth(Node):
     def _match(self, messages: dict[Any, Any], parameters: DepthParameters) -> None:
         start = time.monotonic()
         header = messages['left/image'].header
-        left, right, *further = (
-            Panorama(
-                to_bgr_or_mono(messages[f'{name}/image']),
-                panorama_geometry(messages[f'{name}/camera_info']),
-            )
-            for name in self._panoramas
-        )
+        left, right, *further = (read_panorama(messages, name) for name in self._panoramas)
         check_pair(left.geometry, right.geometry)
         matched = match(
             left,
@@ -261,17 +280,14 @@ class Depth(Node):
             method=parameters.method,
             threads=parameters.threads,
         )
-        points = triangulate_match(matched, left.geometry, right.geometry)
+        points, ranges, beam_stddev = _scan_of(matched, left.geometry, right.geometry, parameters)
         settings = parameters.scan_settings()
-        ranges = laser_ranges(points, matched.confidence, settings)
-        ranges, beam_stddev = scan_with_stddev(
-            ranges,
-            beam_confidence(points, matched.confidence, ranges, settings),
-            (window_geometry(left.geometry), window_geometry(right.geometry)),
-            parameters.uncertainty(),
-            range_max=settings.range_max,
-            allowed=parameters.allowed_stddev,
+        scan = laser_scan(ranges, settings, header, left.geometry.sweep_duration)
+        stddev_scan = values_of_scan(beam_stddev, scan)
+        self._republisher.take(
+            [(self._scan_publisher, scan), (self._stddev_publisher, stddev_scan)]
         )
+        self._sectors.finish(left, right, ranges, header, settings)
         with np.errstate(invalid='ignore'):
             trusted = matched.confidence >= parameters.min_confidence
         depth = np.where(trusted, points.radial_distance, np.nan).astype(np.float32)
@@ -285,12 +301,6 @@ class Depth(Node):
             self._points_publisher.publish(
                 point_cloud(xyz, left.image, matched.confidence, stddev, header)
             )
-        duration = left.geometry.sweep_duration
-        scan = laser_scan(ranges, settings, header, duration)
-        stddev_scan = stddev_of_scan(beam_stddev, scan)
-        self._republisher.take(
-            [(self._scan_publisher, scan), (self._stddev_publisher, stddev_scan)]
-        )
         summary = (
             f'{np.isfinite(depth).mean():.0%} of the pixels and '
             f'{np.isfinite(ranges).mean():.0%} of the beams hold a distance; '
@@ -303,6 +313,27 @@ class Depth(Node):
         """Finish the pair being matched, end the thread, destroy the node; may run twice."""
         self._resources.close()
         super().destroy_node()
+
+
+def _scan_of(
+    matched: Correspondence,
+    left: PanoramaGeometry,
+    right: PanoramaGeometry,
+    parameters: DepthParameters,
+) -> tuple[Points, Ranges, Ranges]:
+    """Points of a match, ranges of the scan, and their standard deviations."""
+    settings = parameters.scan_settings()
+    points = triangulate_match(matched, left, right)
+    ranges = laser_ranges(points, matched.confidence, settings)
+    ranges, stddev = scan_with_stddev(
+        ranges,
+        beam_confidence(points, matched.confidence, ranges, settings),
+        (window_geometry(left), window_geometry(right)),
+        parameters.uncertainty(),
+        range_max=settings.range_max,
+        allowed=parameters.allowed_stddev,
+    )
+    return points, ranges, stddev
 
 
 def _image(values: np.ndarray[Any, np.dtype[np.float32]], header: Header) -> Image:

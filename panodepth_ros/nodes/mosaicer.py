@@ -20,13 +20,13 @@ from panodepth_ros.nodes.arm_watch import Absence, ArmWatch
 from panodepth_ros.nodes.keeping import SweepKeeper
 from panodepth_ros.nodes.leading import Leader, SpinLeader, StepLeader
 from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
+from panodepth_ros.nodes.panoramas import PanoramaPublisher, PartialPublisher
 from panodepth_ros.nodes.robot_watch import RobotWatch
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, WARN, Report, publish_diagnostics
-from panodepth_ros.ros.images import decompressed, to_bgr_or_mono, to_message
+from panodepth_ros.ros.images import decompressed, to_bgr_or_mono
 from panodepth_ros.ros.messages import (
     joint_reading,
-    panorama_info,
     pinhole_camera,
     to_nanoseconds,
     to_stamp,
@@ -59,14 +59,12 @@ class Mosaicer(Node):
         self._camera_fault = _NO_CAMERA
         self._reported = -1.0
         self._last_end = 'none yet'
-        self._image_publishers: dict[str, Publisher] = {}
-        self._info_publishers: dict[str, Publisher] = {}
-        for name in panorama_names(len(self._settings.further_offsets_px)):
-            self._image_publishers[name] = self.create_publisher(
-                Image, f'{name}/image', qos.PANORAMAS
-            )
-            self._info_publishers[name] = self.create_publisher(
-                CameraInfo, f'{name}/camera_info', qos.PANORAMAS
+        names = panorama_names(len(self._settings.further_offsets_px))
+        self._panoramas = {name: PanoramaPublisher(self, name) for name in names}
+        self._partial: PartialPublisher | None = None
+        if self._settings.partial_deg:
+            self._partial = PartialPublisher(
+                self, step_deg=self._settings.partial_deg, frame_id=self._settings.frame_id
             )
         self._progress_publisher = self.create_publisher(Float32, '~/progress', 10)
         self._last_panoramas: list[tuple[Publisher, Any]] = []
@@ -254,6 +252,8 @@ class Mosaicer(Node):
     def _advance(self) -> None:
         """Take the led sweep as far as what has arrived allows."""
         self._report_progress()
+        if self._partial is not None:
+            self._partial.update(self._assembler.sweep)
         if self._leading:
             self._leader.advance()
             self._keeper.update(self._assembler.sweep)
@@ -375,15 +375,7 @@ class Mosaicer(Node):
         header = Header(stamp=to_stamp(sweep.end or 0), frame_id=self._settings.frame_id)
         self._last_panoramas = []
         for name, panorama in panoramas.items():
-            encoding = 'bgr8' if panorama.image.ndim == 3 else 'mono8'
-            image = to_message(
-                panorama.image, encoding, stamp=header.stamp, frame_id=header.frame_id
-            )
-            info = panorama_info(panorama.geometry, header)
-            self._last_panoramas += [
-                (self._info_publishers[name], info),
-                (self._image_publishers[name], image),
-            ]
+            self._last_panoramas += self._panoramas[name].messages(panorama, header)
         for publisher, message in self._last_panoramas:
             publisher.publish(message)
         for first, last in sweep.missing_sectors() if not sweep.complete else []:

@@ -116,6 +116,12 @@ class MosaicerParameters(StillParameters):
         bounds=(1.0, 360.0),
         live=True,
     )
+    partial_deg: float = parameter(
+        0.0,
+        'Publish the pair under construction each time it has grown by this angle; 0 for never',
+        unit='°',
+        bounds=(0.0, 180.0),
+    )
     frame_id: str = parameter(
         'panodepth', 'Frame of the panoramas: on the axis, z up, x forward, not turning'
     )

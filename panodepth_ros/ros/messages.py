@@ -223,19 +223,19 @@ def laser_scan(
     )
 
 
-def stddev_of_scan(
-    stddev: np.ndarray[tuple[int], np.dtype[np.float32]], scan: LaserScan
+def values_of_scan(
+    values: np.ndarray[tuple[int], np.dtype[np.float32]], scan: LaserScan
 ) -> LaserScan:
     """
-    Write the standard deviations of a scan's ranges as a LaserScan.
+    Write other values of a scan's beams, such as standard deviations or ages, as a LaserScan.
 
     Returns
     -------
     sensor_msgs/LaserScan
-        Header, angles and times of the scan; beam k of ``ranges`` is the standard deviation of
-        beam k of the scan [m], NaN where that is not finite; ``range_min`` is 0.
+        Header, angles and times of the scan; beam k of ``ranges`` is the value of beam k of the
+        scan; ``range_min`` is 0.
     """
     message = copy.copy(scan)
     message.range_min = 0.0
-    message.ranges = stddev.tolist()
+    message.ranges = values.tolist()
     return message

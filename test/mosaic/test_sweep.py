@@ -1,5 +1,6 @@
 """Columns of panoramas out of frames, against a scene of known bearings."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -194,3 +195,28 @@ def test_step_that_does_not_fit_a_turn_is_refused():
         columns_per_turn(0.7)
     with pytest.raises(ValueError, match=r'1800\.050 columns'):
         columns_per_turn(360 / 1800.05)
+
+
+@pytest.mark.parametrize('direction', [1, -1], ids=['forward', 'backward'])
+@pytest.mark.parametrize('stripe', [1, 5, 6])
+def test_settled_columns_stay_as_they_are_and_follow_the_arm(stripe, direction):
+    rig = dataclasses.replace(RIG, stripe_columns=stripe, column_offset=6.0, stripe_distance=2.0)
+    steps = np.random.default_rng(1).uniform(0.5, 0.9 * max(stripe, 1), 400).cumsum()
+    azimuths = 0.2 + direction * STEP * np.concatenate([[0], steps[steps < COLUMNS]])
+    if stripe == 1:
+        azimuths = 0.2 + direction * STEP * np.arange(COLUMNS)
+    sweep = Sweep(rig, CAMERA, azimuths[0])
+    seen_so_far = []
+    for k, azimuth in enumerate(azimuths):
+        sweep.add(k, frame(k % 256), azimuth)
+        seen_so_far.append((sweep.settled, sweep.panoramas(settled=True)))
+        travelled = abs(azimuth - azimuths[0]) / STEP
+        assert sweep.settled.sum() > travelled - stripe - 1
+    final = sweep.panoramas()
+    assert (np.diff([settled.sum() for settled, _ in seen_so_far]) >= 0).all()
+    for settled, partial in seen_so_far:
+        for name in ('left', 'right'):
+            assert np.array_equal(partial[name].geometry.seen, settled)
+            assert np.array_equal(partial[name].image[:, settled], final[name].image[:, settled])
+            rays = partial[name].geometry.ray_angle, final[name].geometry.ray_angle
+            assert np.array_equal(rays[0][settled], rays[1][settled])

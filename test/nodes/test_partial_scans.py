@@ -1,0 +1,162 @@
+"""Scans of sweeps that grow: sectors, their ages, and the finished scan that they do not touch."""
+
+import math
+
+import numpy as np
+import pytest
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Header
+
+from panodepth_ros.geometry import PanoramaGeometry
+from panodepth_ros.nodes.depth import Depth
+from panodepth_ros.nodes.panoramas import KINDS, PARTIAL
+from panodepth_ros.ros.images import to_message
+from panodepth_ros.ros.messages import panorama_info, to_nanoseconds, to_stamp
+
+pytestmark = pytest.mark.ros
+
+COLUMNS, ROWS, BEAMS = 360, 24, 180
+STEP = 2 * math.pi / COLUMNS
+R, PHI, DISPARITY = 0.3, math.radians(15.2), 26
+DISTANCE = R * math.sin(PHI) / math.sin(PHI - DISPARITY * STEP / 2)
+SCANS = ('scan', 'scan_partial', 'scan_partial_age')
+START = 1000.0
+#: Seconds that a column takes.
+PACE = 0.01
+
+
+class Bench:
+    """A depth node between a publisher of growing panoramas and a listener."""
+
+    def __init__(self, ros, **values):
+        self.ros = ros
+        overrides = [
+            Parameter(name, value=value) for name, value in {'beams': BEAMS, **values}.items()
+        ]
+        self.depth = ros.add(Depth(context=ros.context, parameter_overrides=overrides))
+        self.node = ros.node('panoramas')
+        self.got = {topic: [] for topic in SCANS}
+        for topic, messages in self.got.items():
+            self.node.create_subscription(LaserScan, topic, messages.append, 100)
+        self.out = {
+            f'{name}/{kind}': self.node.create_publisher(KINDS[kind], f'{name}/{kind}', 10)
+            for name in ('left', 'right', *PARTIAL)
+            for kind in KINDS
+        }
+        ros.spin_until(
+            lambda: (
+                all(publisher.get_subscription_count() for publisher in self.out.values())
+                and all(self.depth.count_subscribers(topic) for topic in self.got)
+            ),
+            'the graph',
+        )
+        rng = np.random.default_rng(3)
+        self.wall = rng.integers(0, 255, (ROWS, COLUMNS), dtype=np.uint8)
+
+    def send(self, count, *, start=START, whole=False, shift=DISPARITY):
+        """Publish the pair of which the arm has passed so many columns, or the finished pair."""
+        seen = np.arange(COLUMNS) >= COLUMNS - count
+        header = Header(stamp=to_stamp(round((start + count * PACE) * 1e9)), frame_id='panodepth')
+        for eye, sign in (('left', -1), ('right', 1)):
+            image = self.wall if eye == 'left' else np.roll(self.wall, shift, axis=1)
+            geometry = PanoramaGeometry(
+                columns=COLUMNS,
+                rows=ROWS,
+                azimuth_column=COLUMNS / 2 + sign * PHI / STEP,
+                focal_length_px=100.0,
+                principal_row=11.5,
+                arm_radius=R,
+                principal_angle=sign * PHI,
+                sweep_duration=count * PACE,
+                ray_angle=np.where(seen, sign * PHI, np.nan),
+            )
+            name = eye if whole else f'partial/{eye}'
+            self.out[f'{name}/camera_info'].publish(panorama_info(geometry, header))
+            self.out[f'{name}/image'].publish(
+                to_message(image, 'mono8', stamp=header.stamp, frame_id=header.frame_id)
+            )
+
+    def partial(self, count, **values):
+        """Send a partial pair; return the sectors and their ages."""
+        before = len(self.got['scan_partial_age'])
+        self.send(count, **values)
+        return self.sectors(before)
+
+    def sectors(self, before):
+        self.ros.spin_until(
+            lambda: all(len(self.got[topic]) > before for topic in SCANS[1:]), 'sectors'
+        )
+        scan, age = (self.got[topic][before] for topic in SCANS[1:])
+        assert scan.header == age.header
+        return np.array(scan.ranges), np.array(age.ranges), scan
+
+    def finish(self, **values):
+        before = len(self.got['scan_partial_age']), len(self.got['scan'])
+        self.send(COLUMNS, whole=True, **values)
+        self.ros.spin_until(lambda: len(self.got['scan']) > before[1], 'the scan')
+        return self.got['scan'][before[1]], self.sectors(before[0])
+
+
+def test_sectors_come_while_the_sweep_grows_and_the_finished_scan_is_as_ever(ros):
+    bench = Bench(ros)
+    known = []
+    for count in (100, 180, 220, 260, 300):
+        ranges, age, scan = bench.partial(count)
+        assert to_nanoseconds(scan.header.stamp) == round((START + count * PACE) * 1e9)
+        assert len(ranges) == BEAMS
+        assert np.array_equal(np.isnan(ranges), np.isnan(age))
+        known.append(np.isfinite(ranges))
+        assert ranges[known[-1]] == pytest.approx(DISTANCE, rel=0.02)
+    assert not known[0].any(), 'nothing can be decided yet'
+    counts = [int(beams.sum()) for beams in known]
+    assert counts[2] > 0
+    assert counts == sorted(counts)
+    assert counts[-1] < BEAMS
+    assert not (known[-2] & ~known[-1]).any(), 'sectors stay'
+    assert not bench.got['scan'], 'a partial scan is not a scan'
+    # Margin and farthest candidate come after the oldest frame of a match.
+    ages = age[known[-1]]
+    assert ages.min() >= (64 + 30) * PACE
+    assert ages.max() <= 300 * PACE + 1e-3
+    finished, (ranges, age, _) = bench.finish()
+    assert np.array_equal(ranges, np.array(finished.ranges), equal_nan=True)
+    assert np.isfinite(ranges).mean() > 0.95
+    assert np.nanmax(age) <= COLUMNS * PACE + 1e-3
+
+    alone = Bench(ros_again(ros, bench))
+    alone.send(COLUMNS, whole=True)
+    ros.spin_until(lambda: alone.got['scan'], 'the scan without partial panoramas')
+    assert alone.got['scan'][0] == finished
+    assert not alone.got['scan_partial'], 'nobody sent partial panoramas'
+
+
+def ros_again(ros, bench):
+    """Take a bench's nodes away, so that another one has the topics to itself."""
+    for node in (bench.depth, bench.node):
+        ros.executor.remove_node(node)
+        ros.nodes.remove(node)
+        node.destroy_node()
+    return ros
+
+
+def test_next_sweep_begins_without_the_sectors_of_the_last_one(ros):
+    bench = Bench(ros)
+    bench.partial(300)
+    _, (ranges, _, _) = bench.finish()
+    assert np.isfinite(ranges).mean() > 0.95
+    ranges, _, _ = bench.partial(100, start=START + 10)
+    assert np.isnan(ranges).all()
+
+
+def test_pair_that_comes_after_its_sweep_is_finished_changes_nothing(ros):
+    bench = Bench(ros)
+    bench.partial(300)
+    bench.finish()
+    published = len(bench.got['scan_partial'])
+    match, done = bench.depth._sectors.match, []
+    bench.depth._sectors.match = lambda *job, **values: done.append(match(*job, **values))
+    bench.send(320)
+    ros.spin_until(lambda: done, 'the late pair')
+    bench.partial(340, start=START + 10)
+    assert len(bench.got['scan_partial']) == published + 1
