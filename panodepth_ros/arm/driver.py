@@ -33,6 +33,7 @@ from .errors import (
     ArmProtocolError,
     ArmTimeoutError,
 )
+from .index import IndexSearch
 from .interface import ArmState
 from .link import GrblLink, SentLine
 from .reports import Report, Reports
@@ -58,6 +59,10 @@ class GrblArm:
         Bits per second.
     axis : str
         Letter of the rotary axis, whose millimetres are degrees.
+    index_within : float or None
+        None if the controller's homing, or its count, is the reference. Else the reference is an
+        index mark that a sensor at the probe input sees, and this is how far the cable lets the
+        arm turn from 0 to each side [rad], 0 for an endless axis.
     speed : float
         Speed of motions [rad/s], > 0; the controller's maximum limits it.
     settle_time : float
@@ -91,6 +96,7 @@ class GrblArm:
         *,
         baud_rate: int = 115200,
         axis: str = 'X',
+        index_within: float | None = None,
         speed: float,
         settle_time: float = 0.0,
         response_timeout: float = 1.0,
@@ -101,6 +107,7 @@ class GrblArm:
     ) -> None:
         self.status_period = status_period
         self._axis = axis
+        self._index_within = index_within
         self._settle_time = settle_time
         self._busy = threading.Lock()  # held by the command that runs
         self._closing = threading.Lock()  # held for ever once closed
@@ -203,7 +210,8 @@ class GrblArm:
 
         With homing enabled (``$22=1``) the controller searches its switch. Without, its count is
         trusted: an alarm is unlocked and the arm turns back to 0. After a reboot the count is 0
-        where the arm stands, so it stays and that place is the new origin.
+        where the arm stands, so it stays and that place is the new origin. With an index mark
+        the arm searches that and turns to it: azimuth 0 is where the mark begins.
 
         Raises
         ------
@@ -213,6 +221,9 @@ class GrblArm:
         with self._command():
             if self.doubt or self._setting(22):
                 self._halt()
+            if self._index_within is not None:
+                self._search_index(self._index_within)
+                return self._move(0.0)
             if self._setting(22):
                 self._search_switch()
             elif self._reports.ask().status.state == 'Alarm':
@@ -319,6 +330,11 @@ class GrblArm:
     # Opening.
 
     def _check_state(self) -> None:
+        if self._index_within is not None:
+            self._link.lose_position(
+                f'arm on port {self.port} has not searched its index since it was connected'
+            )
+            return
         if self._reports.ask().status.state != 'Alarm':
             return
         if not self._setting(22):
@@ -360,7 +376,7 @@ class GrblArm:
             return state
         duration = abs(way) / self._speed + self._speed / math.radians(self._setting(120))
         feed = math.degrees(self._speed) * 60.0
-        move = grbl.encode_move(self._axis, math.degrees(azimuth), feed)
+        move = grbl.encode_move(self._axis, self._reports.machine(azimuth), feed)
         self._reports.begin(start, math.copysign(self._speed, way))
         self._follow(
             self._link.send(move, grbl.BARRIER, moves=True),
@@ -413,6 +429,15 @@ class GrblArm:
             self._sleep(self._settle_time)
         finally:
             self._link.homing = False
+
+    def _search_index(self, limit: float) -> None:
+        if self._reports.ask().status.state == 'Alarm':
+            self._link.ask(grbl.UNLOCK)
+        search = IndexSearch(
+            self._link, self._reports, self._axis, self._speed, limit, self._move, self._follow
+        )
+        self._reports.zero += search.run()
+        self._link.trust_position()
 
     def _halt(self) -> None:
         """Brake, drop all motions, and wait until the arm stands."""

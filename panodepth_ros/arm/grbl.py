@@ -64,8 +64,8 @@ _ALARMS = {
     1: 'a limit switch was hit, position lost',
     2: 'the target lies outside the soft limits',
     3: 'reset while moving, position lost',
-    4: 'probing failed',
-    5: 'probing failed',
+    4: 'the probe input was not as probing needs it at its begin',
+    5: 'the probe input did not change',
     6: 'homing was interrupted by a reset',
     7: 'homing was interrupted by the safety door',
     8: 'homing could not pull off the limit switch',
@@ -154,6 +154,8 @@ class Status:
         Machine minus work coordinates, when the report carries them (WCO).
     feed : float or None
         Speed per minute, never negative, when the report carries it (F, FS).
+    pins : str
+        Letters of the inputs that are active (Pn); ``P`` is the probe.
     """
 
     state: str
@@ -162,6 +164,7 @@ class Status:
     position: tuple[float, ...]
     offset: tuple[float, ...] | None = None
     feed: float | None = None
+    pins: str = ''
 
     @property
     def moves(self) -> bool:
@@ -169,7 +172,24 @@ class Status:
         return self.state in ('Run', 'Jog') or (self.state == 'Hold' and self.substate == 1)
 
 
-Message = Ok | ErrorReply | Alarm | Banner | Setting | Feedback | Status | Malformed
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """
+    What probing found.
+
+    Attributes
+    ----------
+    position : tuple of float
+        Machine coordinates when the input changed, one value per axis, in the controller's units.
+    found : bool
+        Whether it changed; if not, the position means nothing.
+    """
+
+    position: tuple[float, ...]
+    found: bool
+
+
+Message = Probe | Ok | ErrorReply | Alarm | Banner | Setting | Feedback | Status | Malformed
 
 _NUMBER = re.compile(r'-?\d+(?:\.\d+)?')
 _STATE = re.compile(rf'({"|".join(_STATES)})(?::(\d{{1,2}}))?')
@@ -184,12 +204,18 @@ def _setting(match: re.Match[str]) -> Setting:
     return Setting(int(match[1]), float(match[2]) if _NUMBER.fullmatch(match[2]) else None)
 
 
+def _probe(match: re.Match[str]) -> Message:
+    position = _coordinates(match[1])
+    return Probe(position, match[2] == '1') if position else Malformed(match[0].encode())
+
+
 _FORMS: tuple[tuple[re.Pattern[str], Callable[[re.Match[str]], Message]], ...] = (
     (re.compile(r'ok'), lambda _: Ok()),
     (re.compile(r'error:(\d{1,3})'), lambda match: ErrorReply(int(match[1]))),
     (re.compile(r'ALARM:(\d{1,3})'), lambda match: Alarm(int(match[1]))),
     (re.compile(r'Grbl(?:HAL)? (\d+\.\d+\w*) \[.*\]'), lambda match: Banner(match[1])),
     (re.compile(r'\$(\d{1,3})=(.*)'), _setting),
+    (re.compile(rf'\[PRB:({_COORDINATES.pattern}):([01])\]'), _probe),
     (re.compile(r'\[[^\[\]]*\]|>.*:(?:ok|error:\d+)'), lambda match: Feedback(match[0])),
 )
 
@@ -250,6 +276,7 @@ def _parse_status(text: str) -> Status | None:
         position=position,
         offset=offset,
         feed=float(feed[1]) if feed else None,
+        pins=fields.get('Pn', ''),
     )
 
 
@@ -303,3 +330,22 @@ def encode_move(axis: str, position: float, feed: float) -> bytes:
         Speed per minute, > 0.
     """
     return f'G53G21G90G94G1{axis}{position:.4f}F{feed:.3f}\n'.encode('ascii')
+
+
+def encode_probe(axis: str, way: float, feed: float, *, away: bool) -> bytes:
+    """
+    Relative straight move that ends where the probe input changes, without alarm if it does not.
+
+    Parameters
+    ----------
+    axis : str
+        Letter of the axis.
+    way : float
+        How far at most [mm, for a rotary axis degrees].
+    feed : float
+        Speed per minute, > 0.
+    away : bool
+        Whether the input is active at the begin and shall not be, instead of the reverse.
+    """
+    code = 'G38.5' if away else 'G38.3'
+    return f'G21G91G94{code}{axis}{way:.4f}F{feed:.3f}\n'.encode('ascii')

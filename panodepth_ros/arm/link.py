@@ -86,6 +86,8 @@ class GrblLink:
         Machine minus work coordinates, as last reported.
     moving : bool
         Whether a motion was sent that has not been seen to end.
+    probe : grbl.Probe or None
+        What probing found since the last motion was sent.
     homing : bool
         Whether homing was sent that has not been answered.
 
@@ -102,6 +104,7 @@ class GrblLink:
         self.offset: tuple[float, ...] | None = None
         self.moving = False
         self.homing = False
+        self.probe: grbl.Probe | None = None
 
         self._changed = threading.Condition()  # guards what two threads share
         self._pending: deque[SentLine] = deque()
@@ -267,6 +270,7 @@ class GrblLink:
             self._raise_trouble()
             self._pending.extend(lines)
             self.moving = self.moving or moves
+            self.probe = None if moves else self.probe
             self._line.write(b''.join(texts))
         return lines
 
@@ -385,6 +389,8 @@ class GrblLink:
             self.offset = message.offset or self.offset
         elif isinstance(message, grbl.Setting):
             self.settings[message.number] = message.value
+        elif isinstance(message, grbl.Probe):
+            self.probe = message
         elif isinstance(message, grbl.Banner):
             self._receive_banner(message)
         elif isinstance(message, grbl.Alarm):

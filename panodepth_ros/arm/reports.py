@@ -66,6 +66,8 @@ class Reports:
     ----------
     velocity : float
         Commanded for the running motion [rad/s].
+    zero : float
+        Machine position of azimuth 0 [rad].
     """
 
     def __init__(
@@ -76,6 +78,7 @@ class Reports:
         listener: Callable[[ArmState], None],
     ) -> None:
         self.velocity = 0.0
+        self.zero = 0.0
         self._link = link
         self._axis = axis
         self._axis_index = grbl.AXES.index(axis)
@@ -121,7 +124,7 @@ class Reports:
     @property
     def farthest(self) -> float:
         """Largest azimuth that is counted exactly [rad]."""
-        return _COUNTED_STEPS * self.motor_step
+        return _COUNTED_STEPS * self.motor_step - abs(self.zero)
 
     @property
     def tolerance(self) -> float:
@@ -140,7 +143,32 @@ class Reports:
             if self._link.offset is None:
                 return None
             value += self._link.offset[self._axis_index]
-        return math.radians(self._whole_steps(value * 25.4 if self.setting(13) else value))
+        return self._of_machine(value)
+
+    def _of_machine(self, value: float) -> float:
+        millimetres = value * 25.4 if self.setting(13) else value
+        return math.radians(self._whole_steps(millimetres)) - self.zero
+
+    def machine(self, azimuth: float) -> float:
+        """Return the machine position [°] of an azimuth [rad]."""
+        return math.degrees(azimuth + self.zero)
+
+    def probed(self, probe: grbl.Probe) -> float | None:
+        """
+        Azimuth where probing found what it looked for [rad]; None if it found nothing.
+
+        Raises
+        ------
+        ArmProtocolError
+            If it does not tell the axis.
+        """
+        if not probe.found:
+            return None
+        if len(probe.position) <= self._axis_index:
+            raise ArmProtocolError(
+                f'controller on port {self._link.port} does not probe axis {self._axis}'
+            )
+        return self._of_machine(probe.position[self._axis_index])
 
     def _whole_steps(self, value: float) -> float:
         """Undo the rounding of a report, if a whole number of motor steps explains it."""

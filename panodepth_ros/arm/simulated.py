@@ -6,9 +6,10 @@ the firmware's ways that a driver can trip over: ``ok`` means parsed and not mov
 quantised to motor steps, numbers are 32-bit floats, a status in the same write as a move shows
 the old Idle, resets forget modes, braking takes time, homing and critical alarms answer nothing.
 
-Differences from the firmware: only the G-code a rotary axis needs is known (G0 G1 G4 G20 G21 G53
-G54 G90 G91 G94); check mode, sleep, overrides, safety door, spindle and stored startup lines are
-absent. The rotary axis is X, one degree per millimetre.
+Differences from the firmware: only the G-code a rotary axis needs is known (G0 G1 G4 G20 G21
+G38.2 to G38.5 G53 G54 G90 G91 G94), probing is not a mode that persists; check mode, sleep,
+overrides, safety door, spindle and stored startup lines are absent. The rotary axis is X, one
+degree per millimetre.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import numpy as np
 from . import grbl
 from .motion import brake, chain, state_at
 from .simulated_gcode import RefusedLineError, words_of
+from .simulated_index import IndexMark
 from .simulated_settings import Modes, default_settings
 from .truth import CAPACITY, Piece
 
@@ -52,6 +54,9 @@ class SimulatedController:
         Called with the pieces of the true motion whenever they change.
     home_position : float or None
         True azimuth at which homing leaves the arm [°]; None if the switch is broken.
+    index : (float, float) or None
+        True azimuth and width of the mark that the sensor at the probe input sees [°]; None if
+        there is no sensor.
     work_offset : float
         Stored G54 offset of the axis [mm]; work = machine − offset.
     """
@@ -63,12 +68,14 @@ class SimulatedController:
         boot_time: float = 0.0,
         publish: Callable[[Sequence[Piece]], None] = lambda pieces: None,
         home_position: float | None = 0.0,
+        index: tuple[float, float] | None = None,
         work_offset: float = 0.0,
     ) -> None:
         self.settings = default_settings() if settings is None else settings
         self._boot_time = boot_time
         self._publish = publish
         self._home_position = home_position
+        self._mark = None if index is None else IndexMark(*index)
         self._work_offset = np.float32(work_offset)
         self._pieces = [Piece(-math.inf, 0.0)]
         self._zero = 0.0  # true azimuth of machine position 0 [rad]
@@ -77,6 +84,7 @@ class SimulatedController:
         self._boot_at = _NEVER
         self._dwell_until = _NEVER
         self._motion_end = _NEVER
+        self._contact_at = _NEVER
         self._clear()
 
     # What the outside does.
@@ -118,6 +126,8 @@ class SimulatedController:
             if due == self._boot_at:
                 self._boot_at = _NEVER
                 self._begin('Alarm' if self.settings[22] else 'Idle')
+            elif due == self._contact_at:
+                self._contact(due)
             elif due == self._dwell_until:
                 self._dwell_until = _NEVER
             else:
@@ -127,7 +137,8 @@ class SimulatedController:
     def next_event(self) -> float:
         """When something happens by itself [s]; +inf if nothing will."""
         block_end = self._block_ends[0] if self._block_ends else _NEVER
-        return min(self._boot_at, block_end, self._motion_end, self._dwell_until)
+        ends = block_end, self._motion_end, self._dwell_until, self._contact_at
+        return min(self._boot_at, *ends)
 
     def take_output(self) -> bytes:
         """Return what was sent since the last call."""
@@ -139,6 +150,12 @@ class SimulatedController:
         """Go into alarm, as when a limit switch is hit (code 1)."""
         self._kill_motor(now)
         self._alarm(code)
+
+    def slip(self, degrees: float, now: float) -> None:
+        """Turn the standing arm by an angle that is not counted, as lost motor steps do."""
+        self._zero += math.radians(degrees)
+        self._move([Piece(now, self._pieces[-1].azimuth + math.radians(degrees))])
+        self._motion_end = _NEVER
 
     # Firmware: start, reset, alarm.
 
@@ -152,6 +169,9 @@ class SimulatedController:
         self._dwell_until = _NEVER
         self._critical = False
         self._offset_countdown = 0
+        self._probing = False
+        self._contact_at = _NEVER
+        self._probed: int | None = None  # motor steps
 
     def _begin(self, state: str) -> None:
         self._state = state
@@ -213,6 +233,8 @@ class SimulatedController:
         feed = abs(math.degrees(velocity)) * 60.0
         fields = f'{state}|{"WPos" if work else "MPos"}:{self._coordinates(position)}'
         fields += f'|FS:{feed / 25.4:.1f},0' if self.settings[13] else f'|FS:{feed:.0f},0'
+        if self._probe_pin(now):
+            fields += '|Pn:P'
         if self._offset_countdown == 0:
             fields += f'|WCO:{self._coordinates(self._work_offset)}'
             self._offset_countdown = 10 if state in ('Idle', 'Alarm') else 30
@@ -309,22 +331,33 @@ class SimulatedController:
         if 4 in commands:
             self._dwell(words, now)
         elif words.keys() & set('XYZ'):
-            target = words.get('X', np.float32(0.0)) * scale
-            if 'X' not in words:
-                target = modes.position
-            elif modes.relative:
-                target = modes.position + target
-            elif 53 not in commands:
-                target = target + self._work_offset
-            rapid = modes.motion == 0 and not jog
+            target = self._target(commands, words, modes)
+            probing = commands & {382, 383, 384, 385}
+            if probing and 53 in commands:
+                raise RefusedLineError(30)
+            rapid = not probing and modes.motion == 0 and not jog
             if not rapid and modes.feed == 0.0:
                 raise RefusedLineError(22)
+            if probing:
+                self._probe(target, float(modes.feed), now, *probing)
+                self._modes = modes
+                return
             self._line(target, math.inf if rapid else float(modes.feed), now, jog=jog)
             modes.position = self._modes.position = target
-        elif jog or commands & {0, 1, 53}:
+        elif jog or commands & {0, 1, 53, 382, 383, 384, 385}:
             raise RefusedLineError(26)
         if not jog and not self._critical:
             self._modes = modes
+
+    def _target(
+        self, commands: set[int], words: dict[str, np.float32], modes: Modes
+    ) -> np.float32:
+        if 'X' not in words:
+            return modes.position
+        target = words['X'] * (_INCH if modes.inches else np.float32(1.0))
+        if modes.relative:
+            return modes.position + target
+        return target if 53 in commands else target + self._work_offset
 
     def _changed_modes(self, commands: set[int]) -> Modes:
         modes = Modes(**vars(self._modes))
@@ -384,6 +417,50 @@ class SimulatedController:
         if jog and self._blocks and self._state == 'Idle':
             self._state = 'Jog'
             self._plan(now)
+
+    def _probe(self, target: np.float32, feed: float, now: float, code: int) -> None:
+        away, tolerant = code in (384, 385), code in (383, 385)
+        if target == self._modes.position:
+            raise RefusedLineError(33)
+        started = False
+
+        def over(moment: float) -> bool:
+            nonlocal started
+            if self._blocks or self._state != 'Idle':
+                return False
+            if not started:
+                if self._probe_pin(moment) != away:
+                    self._output += b'ALARM:4\r\n'
+                    self._state = 'Alarm'
+                    return True
+                started = self._probing = True
+                self._probed = None
+                self._line(target, feed, moment, jog=False)
+                self._start_motion(moment)
+                return not self._blocks and not self._probing  # soft limits may have refused it
+            self._probing = False
+            found = self._probed is not None
+            if not found and not tolerant:
+                self._output += b'ALARM:5\r\n'
+                self._state = 'Alarm'
+            self._probed = self._steps() if self._probed is None else self._probed
+            where = np.float32(self._probed) / np.float32(self.settings[100])
+            self._output += f'[PRB:{self._coordinates(where)}:{found:d}]\r\n'.encode()
+            self._modes.position = np.float32(self._steps()) / np.float32(self.settings[100])
+            return True
+
+        self._waiting = over
+
+    def _contact(self, now: float) -> None:
+        """Note where the probe input changed, and brake."""
+        self._contact_at = _NEVER
+        self._probing = False
+        self._probed = self._steps(state_at(self._pieces, now)[0])
+        self._blocks.clear()
+        self._brake(now)
+
+    def _probe_pin(self, now: float) -> bool:
+        return self._mark is not None and self._mark.active(state_at(self._pieces, now)[0])
 
     def _home(self, now: float) -> None:
         if not self.settings[22]:
@@ -458,6 +535,10 @@ class SimulatedController:
         self._pieces = (past + pieces)[-CAPACITY:]
         self._motion_end = pieces[-1].begin
         self._block_ends.clear()
+        self._contact_at = _NEVER
+        if self._probing and self._mark is not None:
+            begin = pieces[0].begin
+            self._contact_at = self._mark.changes_at(self._pieces, begin, self._motion_end)
         self._publish(self._pieces)
 
     def _end_block(self, now: float) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 _GROUPS = {  # modal group of each known G command
     0: 'motion', 1: 'motion', 4: 'non-modal', 53: 'non-modal', 54: 'coordinates',
+    382: 'motion', 383: 'motion', 384: 'motion', 385: 'motion',
     20: 'units', 21: 'units', 90: 'distance', 91: 'distance', 94: 'feed mode',
 }  # fmt: skip
 _NUMBER = re.compile(r'[+-]?(?:\d+\.?\d*|\.\d+)')
@@ -44,15 +45,19 @@ def words_of(line: str) -> tuple[set[int], dict[str, np.float32]]:
         at = number.end()
         value = float32(number[0])
         if letter == 'G':
-            group = _GROUPS.get(int(value))
+            code = int(value)
+            if code == 38:  # G38.2 to G38.5
+                code = round(10.0 * float(value))
+                value = np.float32(code)
+            group = _GROUPS.get(code)
             if group is None:
                 raise RefusedLineError(20)
-            if value != int(value):
+            if value != code:
                 raise RefusedLineError(23)
             if group in groups:
                 raise RefusedLineError(21)
             groups.add(group)
-            commands.add(int(value))
+            commands.add(code)
             continue
         if letter not in 'FPXYZNIJKRLST':
             raise RefusedLineError(20)

@@ -128,5 +128,5 @@ class Leg:
             self._sent = self._end
             behind = [grbl.BARRIER]
         feed = math.degrees(self._speed) * 60.0
-        move = grbl.encode_move(self._axis, math.degrees(self._sent), feed)
+        move = grbl.encode_move(self._axis, self._reports.machine(self._sent), feed)
         self._lines = self._link.send(move, *behind, moves=True)

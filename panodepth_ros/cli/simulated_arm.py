@@ -50,6 +50,12 @@ def main(args: Sequence[str] | None = None) -> int:
         '--homing', action='store_true', help='a home switch at 0° ($22=1): locked until homed'
     )
     parser.add_argument(
+        '--index',
+        type=float,
+        metavar='DEG',
+        help='where a mark of 5° begins that a sensor at the probe input sees; by default none',
+    )
+    parser.add_argument(
         '--no-reset-on-open',
         action='store_true',
         help='the controller runs on when its port is opened, as boards without DTR reset do',
@@ -73,6 +79,7 @@ def main(args: Sequence[str] | None = None) -> int:
             arm = SimulatedArm(
                 given.link,
                 settings=settings,
+                index=None if given.index is None else (given.index, 5.0),
                 boot_time=given.boot_time,
                 reset_on_open=not given.no_reset_on_open,
                 baud_rate=given.baud_rate,

@@ -32,6 +32,12 @@ class ArmDriverParameters:
         'Axis of the GRBL controller that turns the arm, its millimetres being degrees',
         choices=('X', 'Y', 'Z', 'A', 'B', 'C'),
     )
+    reference: str = parameter(
+        'controller',
+        "How ~/home finds azimuth 0: by the controller's homing, or its count where it has none; "
+        'or where a mark begins that a sensor at the probe input of a GRBL controller sees',
+        choices=('controller', 'probe'),
+    )
     step_deg: float = parameter(
         0.2,
         'Turn of one step, a whole fraction of 360; negative is clockwise',
@@ -82,6 +88,16 @@ class ArmDriverParameters:
                 f'cable_limit_deg is {self.cable_limit_deg}; allowed: 0 for an endless axis, or '
                 '180 and more, so that a whole turn has room'
             )
+        if self.reference == 'probe':
+            if self.driver != 'grbl':
+                raise ValueError(
+                    f'reference is probe; allowed with driver {self.driver}: controller'
+                )
+            if self.cable_limit_deg >= 360.0:
+                raise ValueError(
+                    f'cable_limit_deg is {self.cable_limit_deg} while reference is probe; '
+                    'allowed: 0 for an endless axis, or less than 360, so that the mark comes once'
+                )
         if abs(self.spin_speed_deg_s) < 0.1:
             raise ValueError(
                 f'spin_speed_deg_s is {self.spin_speed_deg_s}; allowed: 0.1 to 720 °/s of either '
@@ -132,6 +148,9 @@ def open_arm(
         settings.port,
         baud_rate=settings.baud_rate,
         axis=settings.axis,
+        index_within=(
+            math.radians(settings.cable_limit_deg) if settings.reference == 'probe' else None
+        ),
         speed=math.radians(settings.speed_deg_s),
         settle_time=settings.settle_time,
         response_timeout=settings.response_timeout,

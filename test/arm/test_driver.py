@@ -362,6 +362,78 @@ def test_homing_without_a_switch_returns_to_zero(bench):
     assert bench.server.true_azimuth() == pytest.approx(0.0)
 
 
+@pytest.mark.parametrize(
+    ('mark', 'limit'), [(100.0, 0.0), (-2.0, 190.0), (-90.0, 0.0), (-90.0, 190.0)]
+)
+def test_index_is_where_azimuth_0_is_from_then_on(bench, mark, limit):
+    bench.serve({'max_rate': 400.0, 10: 0}, index=(mark, 5.0), work_offset=7.0)
+    arm = bench.connect(speed=400 * DEG, index_within=limit * DEG)
+    assert 'has not searched its index' in arm.doubt
+    with pytest.raises(ArmPositionError, match='home the arm'):
+        arm.move_to(1 * DEG)
+    turn = 360.0 if mark < 0.0 and not limit and mark + 5.0 < 0.0 else 0.0  # forward round to it
+    for _ in range(2):
+        assert arm.home().azimuth == pytest.approx(0.0, abs=1e-9)
+        assert bench.server.true_azimuth() == pytest.approx((mark + turn) * DEG, abs=0.041 * DEG)
+        assert arm.doubt == ''
+        arm.move_to(-25 * DEG)
+        expected = mark + turn - 25.0
+        assert bench.server.true_azimuth() == pytest.approx(expected * DEG, abs=0.041 * DEG)
+    bench.server.reboot()
+    wait_until(lambda: arm.doubt)
+    arm.home()
+    true = math.remainder(bench.server.true_azimuth() - mark * DEG, 2 * math.pi)
+    assert true == pytest.approx(0.0, abs=0.041 * DEG)
+
+
+def test_lost_motor_steps_are_found_by_the_index(bench):
+    bench.serve({'max_rate': 400.0}, index=(100.0, 5.0))
+    arm = bench.connect(speed=400 * DEG, index_within=0.0)
+    arm.home()
+    arm.move_to(40 * DEG)
+    bench.server.slip(-3.0)
+    assert arm.measure().azimuth == pytest.approx(40 * DEG)  # the controller does not see it
+    assert arm.home().azimuth == pytest.approx(0.0, abs=1e-9)
+    true = math.remainder(bench.server.true_azimuth() - 100 * DEG, 2 * math.pi)
+    assert true == pytest.approx(0.0, abs=0.041 * DEG)
+
+
+def test_missing_index_is_named_and_the_arm_stays_uncertain(bench):
+    bench.serve({'max_rate': 4000.0})
+    arm = bench.connect(speed=4000 * DEG, index_within=0.0)
+    for _ in range(2):
+        with pytest.raises(ArmProtocolError, match='found no index; is its sensor connected'):
+            arm.home()
+        assert arm.doubt
+
+
+def test_sensor_that_is_always_active_is_named(bench):
+    bench.serve({'max_rate': 4000.0}, index=(0.0, 360.0))
+    arm = bench.connect(speed=4000 * DEG, index_within=0.0)
+    with pytest.raises(ArmProtocolError, match=r'is active wherever the arm stands; \$6'):
+        arm.home()
+
+
+def test_search_keeps_within_the_cable(bench):
+    bench.serve({'max_rate': 4000.0}, index=(250.0, 5.0))
+    arm = bench.connect(speed=4000 * DEG, index_within=100 * DEG)
+    with pytest.raises(ArmProtocolError, match='found no index'):
+        arm.home()
+    assert bench.server.true_azimuth() == pytest.approx(-100 * DEG)
+    assert max(state.azimuth for state in bench.states) <= 100.1 * DEG
+
+
+def test_stop_ends_the_search(bench):
+    bench.serve({'acceleration': 200.0}, index=(-90.0, 5.0))
+    arm = bench.connect(index_within=0.0)
+    future = ThreadPoolExecutor(1).submit(arm.home)
+    bench.server.wait_until_moving()
+    assert arm.stop() is None
+    assert not bench.server.is_moving()
+    assert isinstance(future.exception(timeout=10), ArmStoppedError)
+    assert arm.doubt
+
+
 def test_failed_homing_says_why_and_can_be_repeated(bench):
     bench.serve({22: 1, 25: 99999.0, 'max_rate': 2000.0}, home_position=None)
     arm = bench.connect()

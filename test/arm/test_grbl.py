@@ -15,6 +15,7 @@ from panodepth_ros.arm.grbl import (
     LineAssembler,
     Malformed,
     Ok,
+    Probe,
     Setting,
     Status,
     parse,
@@ -33,6 +34,9 @@ MESSAGES = {
     b'$70=home': Setting(70, None),
     b'[MSG:Reset to continue]': Feedback('[MSG:Reset to continue]'),
     b'>G54:ok': Feedback('>G54:ok'),
+    b'[PRB:12.345,0.000,0.000:1]': Probe((12.345, 0.0, 0.0), True),
+    b'[PRB:0.0000,0.0000,0.0000:0]': Probe((0.0, 0.0, 0.0), False),
+    b'[PRB:12.345,0.000:1]': Malformed(b'[PRB:12.345,0.000:1]'),
     b'<Idle|MPos:1.029,0.000,0.000|FS:0,0>': Status(
         'Idle', None, True, (1.029, 0.0, 0.0), None, 0.0
     ),
@@ -43,7 +47,7 @@ MESSAGES = {
         'Run', None, True, (0.0409, 0.0, 0.0), (0.5, 0.0, 0.0), 70.9
     ),
     b'<Alarm|MPos:0.000,0.000,0.000,41.080|Pn:XH|A:S|FS:0,0>': Status(
-        'Alarm', None, True, (0.0, 0.0, 0.0, 41.08), None, 0.0
+        'Alarm', None, True, (0.0, 0.0, 0.0, 41.08), None, 0.0, 'XH'
     ),
     b'<Idle|MPos:12345.678,0.000,0.000>': Status('Idle', None, True, (12345.678, 0.0, 0.0)),
 }

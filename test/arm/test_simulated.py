@@ -76,6 +76,15 @@ class Bench:
         ('G4 P0 X1', 'error:31'),
         ('G1 X9999999999 F600', 'error:33'),
         ('G1 X1 S5 F600', 'error:36'),
+        ('G38.2 F600', 'error:26'),
+        ('G38.2 X5', 'error:22'),
+        ('G38.3 X0 F600', 'error:33'),
+        ('G53 G38.3 X5 F600', 'error:30'),
+        ('G38.6 X5 F600', 'error:20'),
+        ('G1 G38.3 X5 F600', 'error:21'),
+        ('G38.3 X5 F6000', '[PRB:5.000,0.000,0.000:0]\r\nok'),
+        ('G38.2 X5 F6000', 'ALARM:5\r\n[PRB:5.000,0.000,0.000:0]\r\nok'),
+        ('G38.4 X5 F6000', 'ALARM:4\r\nok'),
     ],
 )
 def test_line_is_answered(line, answer):
@@ -282,6 +291,37 @@ def test_reset_interrupts_homing():
     bench = Bench({22: 1}, home_position=100.0)
     bench.say('$H\n', wait=0.5)
     assert bench.say('\x18').startswith('ALARM:6\r\nok\r\n' + BANNER)
+
+
+def test_probing_tells_where_the_mark_begins_and_brakes_after_it():
+    bench = Bench(motor={'acceleration': 100.0}, index=(20.0, 30.0))
+    assert bench.say('G38.2X90F1200\n', wait=0.5) == ''
+    assert bench.status()[0] == 'Run'
+    assert bench.say('', wait=3.0) == '[PRB:20.000,0.000,0.000:1]\r\nok\r\n'
+    assert bench.status() == ('Idle', '22.000')  # v²/2a behind
+    assert '|Pn:P' in bench.say('?')
+    assert bench.say('G38.2X90F1200\n') == 'ALARM:4\r\nok\r\n'  # it is there already
+    assert bench.say('G1X0F1200\n') == 'error:9\r\n'
+    bench.say('$X\n')
+    assert bench.say('G91G38.5X-90F1200\n', wait=4.0) == '[PRB:20.000,0.000,0.000:1]\r\nok\r\n'
+    assert bench.status() == ('Idle', '18.000')
+    assert '|Pn' not in bench.say('?')
+    assert bench.say('G1X1F1200\nG4P0\n', wait=1.0) == 'ok\r\nok\r\n'
+    assert bench.status() == ('Idle', '19.000')  # the rest of the way is forgotten
+
+
+def test_probing_that_is_held_goes_on_and_one_that_is_reset_ends():
+    bench = Bench(motor={'acceleration': 100.0}, index=(50.0, 5.0))
+    bench.say('G38.2X90F1200\n', wait=0.5)
+    bench.say('!', wait=1.0)
+    assert bench.status()[0] == 'Hold:0'
+    assert bench.say('~', wait=4.0) == '[PRB:50.000,0.000,0.000:1]\r\nok\r\n'
+    bench.say('G90G1X0F3000\n', wait=9.0)
+    bench.say('G38.2X40F1200\n', wait=0.5)
+    bench.say('!', wait=1.0)
+    assert bench.say('\x18') == 'ok\r\n' + BANNER
+    assert bench.status()[0] == 'Idle'
+    assert bench.say('G1X60F1200\n', wait=5.0) == 'ok\r\n'
 
 
 def test_power_up_forgets_the_count_but_the_arm_stays():

@@ -201,6 +201,21 @@ def test_step_while_a_step_runs_is_refused_at_once(make_bench):
     assert bench.true_degrees() == pytest.approx(5.0)
 
 
+def test_arm_with_an_index_steps_only_after_searching_it(make_bench, ros, tmp_path):
+    server = ArmServer(tmp_path / 'arm', {'max_rate': 400.0}, index=(40.0, 5.0))
+    try:
+        listener = Listener(ros)
+        given = {'settle_time': 0.0, 'speed_deg_s': 400.0, 'reference': 'probe'}
+        ros.add(make_driver(ros, port=server.link, **given))
+        assert 'has not searched its index' in ros.result(listener.begin('step')).message
+        assert listener.call('home').message == 'the arm is home and stands at 0.000°'
+        assert listener.call('step').message == 'the arm stands at 0.200°'
+        assert math.degrees(server.true_azimuth()) == pytest.approx(40.2, abs=0.041)
+        ros.nodes[-1].destroy_node()
+    finally:
+        server.unplug()
+
+
 # --- stop and home ----------------------------------------------------------------------------
 
 
@@ -474,6 +489,14 @@ def test_diagnostics_tell_state_port_and_position(make_bench):
         ({'step_deg': 0.7}, r'step_deg is 0\.7: a turn of 360° would take 514\.286 steps'),
         ({'step_deg': 0.0}, r'step_deg is 0\.0.*allowed: whole fractions of 360°'),
         ({'step_deg': 500.0}, r'step_deg is 500\.0; allowed: -180 to 180 °'),
+        (
+            {'reference': 'probe', 'cable_limit_deg': 360.0},
+            r'cable_limit_deg is 360\.0 while reference is probe; allowed: 0 .*, or less than 360',
+        ),
+        (
+            {'reference': 'probe', 'driver': 'dynamixel'},
+            'reference is probe; allowed with driver dynamixel: controller',
+        ),
         ({'cable_limit_deg': 90.0}, r'cable_limit_deg is 90\.0; allowed: 0 .* or 180 and more'),
         ({'spin_speed_deg_s': 0.05}, r'spin_speed_deg_s is 0\.05; allowed: 0\.1 to 720'),
         ({'axis': 'Q'}, "axis is 'Q'; allowed: X, Y, Z, A, B, C"),
