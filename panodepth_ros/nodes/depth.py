@@ -202,7 +202,7 @@ class Depth(Node):
         self._sectors = Sectors(
             self,
             beams=self._settings.beams,
-            earliest=lambda start: start,
+            earliest=self._republisher.earliest,
             offer=lambda messages: self._worker.put(_PARTIAL, messages),
         )
         for topic in topics:

@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import Trigger
 
+from panodepth_ros.motion.standing import Standing
 from panodepth_ros.motion.standstill import Standstill, StillLimits
 from panodepth_ros.ros.messages import odometry, to_nanoseconds, to_stamp
 
@@ -40,6 +41,7 @@ class Republisher:
         self._node = node
         self._lock = threading.Lock()  # scans come from the node's worker
         self._standstill = Standstill(limits)
+        self._standing = Standing(limits)
         self._promised = promised
         self._last: Sequence[tuple[Any, Any]] = ()
         self._newest_again = 0  # stamp of what was last published again [ns]
@@ -54,7 +56,7 @@ class Republisher:
     def configure(self, limits: StillLimits, promised: bool) -> None:
         """Take new parameters; they act on what comes."""
         with self._lock:
-            self._standstill.limits = limits
+            self._standstill.limits = self._standing.limits = limits
             self._promised = promised
 
     def take(self, messages: Sequence[tuple[Any, Any]]) -> None:
@@ -73,6 +75,20 @@ class Republisher:
     def _on_odometry(self, message: OdometryMessage) -> None:
         with self._lock:
             self._standstill.add(odometry(message))
+            self._standing.add(odometry(message))
+
+    def earliest(self, start: int) -> int:
+        """
+        Time before which measurements no longer count [ns].
+
+        That is the start of the current sweep, or earlier if the robot has provably stood for
+        longer; later if it has moved meanwhile.
+        """
+        with self._lock:
+            if self._promised:
+                return 0
+            proven = self._standing.proven_since(self._now().nanoseconds * 1e-9)
+            return round(1e9 * max(min(start * 1e-9, proven), self._standing.moved))
 
     def _doubt(self) -> str:
         return '' if self._promised else self._standstill.doubt(self._now().nanoseconds * 1e-9)

@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 from panodepth_ros.geometry import Panorama, PanoramaGeometry
 from panodepth_ros.matching import Correspondence
 from panodepth_ros.matching.interface import candidate_range
-from panodepth_ros.matching.progressive import GrowingMatch
+from panodepth_ros.matching.progressive import MARGIN, GrowingMatch
 from panodepth_ros.nodes.panoramas import KINDS, PARTIAL, read_panorama
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.messages import laser_scan, to_nanoseconds, values_of_scan
@@ -168,8 +168,9 @@ class Sectors:
         columns = columns_of_beams(pair[0], settings)
         # A column that was not seen has no part in anything: it is as new as can be.
         time = np.where(pair[0].seen, growing.time, np.iinfo(np.int64).max)
-        oldest = oldest_of_columns(time, *candidate_range(*pair))[columns].min(axis=1)
-        self._scan.take(decided, ranges, oldest)
+        first, last = candidate_range(*pair)
+        oldest = oldest_of_columns(time, min(first, 0) - MARGIN, max(last, 0) + MARGIN)
+        self._scan.take(decided, ranges, oldest[columns].min(axis=1))
 
     def _publish(
         self, header: Header, start: int, duration: float, settings: ScanSettings

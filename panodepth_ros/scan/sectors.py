@@ -50,22 +50,22 @@ def columns_of_beams(left: PanoramaGeometry, settings: ScanSettings) -> Columns:
 
 def oldest_of_columns(time: Nanoseconds, first: int, last: int) -> Nanoseconds:
     """
-    When the oldest frame was exposed that has a part in the match of each left column.
+    Oldest of the columns x + first … x + last, which wrap around, for every column x.
 
     Parameters
     ----------
     time : ndarray of int64, shape (W,)
-        When each column of the panoramas was exposed [ns].
+        When each column was exposed [ns].
     first, last : int
-        Search range: column x is sought at x + first … x + last, which wrap around.
+        What has a part in a column's match.
 
     Returns
     -------
     ndarray of int64, shape (W,)
     """
     turn = np.take(time, np.arange(first, time.size + last), mode='wrap')
-    right = np.lib.stride_tricks.sliding_window_view(turn, last - first + 1).min(axis=1)
-    return np.asarray(np.minimum(time, right), np.int64)
+    windows = np.lib.stride_tricks.sliding_window_view(turn, last - first + 1)
+    return np.asarray(windows.min(axis=1), np.int64)
 
 
 class SectorScan:

@@ -4,7 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from nav_msgs.msg import Odometry
 from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 
@@ -115,9 +117,9 @@ def test_sectors_come_while_the_sweep_grows_and_the_finished_scan_is_as_ever(ros
     assert counts[-1] < BEAMS
     assert not (known[-2] & ~known[-1]).any(), 'sectors stay'
     assert not bench.got['scan'], 'a partial scan is not a scan'
-    # Margin and farthest candidate come after the oldest frame of a match.
+    # Margins and farthest candidate come after the oldest frame of a match.
     ages = age[known[-1]]
-    assert ages.min() >= (64 + 30) * PACE
+    assert ages.min() >= (2 * 64 + 30) * PACE
     assert ages.max() <= 300 * PACE + 1e-3
     finished, (ranges, age, _) = bench.finish()
     assert np.array_equal(ranges, np.array(finished.ranges), equal_nan=True)
@@ -160,3 +162,80 @@ def test_pair_that_comes_after_its_sweep_is_finished_changes_nothing(ros):
     ros.spin_until(lambda: done, 'the late pair')
     bench.partial(340, start=START + 10)
     assert len(bench.got['scan_partial']) == published + 1
+
+
+class Robot:
+    """Odometry of a robot, as it comes in a bag: the clock is that of the stamps."""
+
+    def __init__(self, bench):
+        self.bench = bench
+        self.odom = bench.node.create_publisher(Odometry, 'odom', 100)
+        bench.ros.spin_until(self.odom.get_subscription_count, 'the subscription')
+
+    def drive(self, first, last, x=0.0):
+        """Publish odometry from a time to another, and wait until it was taken."""
+        standing = self.bench.depth._republisher._standing
+        for time in np.arange(first, last, 0.5):
+            message = Odometry(header=Header(stamp=to_stamp(round(time * 1e9)), frame_id='odom'))
+            message.pose.pose.position.x = x
+            message.pose.pose.orientation.w = 1.0
+            self.odom.publish(message)
+            self.bench.ros.spin_until(
+                lambda time=time: standing._previous and standing._previous.time >= time - 1e-6,
+                'the odometry',
+            )
+
+
+def finished_and_begun_anew(bench, count, turn):
+    """Let a turn end and the next one begin; return the sectors of the new one."""
+    start = START + turn * COLUMNS * PACE
+    bench.finish(start=start - COLUMNS * PACE)
+    return bench.partial(count, start=start)
+
+
+def test_sectors_of_the_last_turn_stay_with_their_age_while_the_robot_is_promised_to_stand(ros):
+    bench = Bench(ros, robot_stands_still=True, republish_period=0.0)
+    bench.partial(100)
+    ranges, age, _ = finished_and_begun_anew(bench, 100, 1)
+    assert np.isfinite(ranges).mean() > 0.95
+    assert age[np.isfinite(age)].min() > 100 * PACE, 'all of them are of the last turn'
+    ranges, age, _ = bench.partial(260, start=START + COLUMNS * PACE)
+    young = age <= 260 * PACE + 1e-3
+    assert 0 < young.sum() < BEAMS
+    assert np.isfinite(ranges).mean() > 0.95
+    # What the new turn measures takes the place of the old: the wall has come nearer.
+    bench.finish(start=START + COLUMNS * PACE)
+    nearer = R * math.sin(PHI) / math.sin(PHI - 16 * STEP / 2)
+    start = START + 2 * COLUMNS * PACE
+    for count in (220, 260):
+        ranges, age, _ = bench.partial(count, start=start, shift=16)
+    young = age <= 260 * PACE + 1e-3
+    assert np.median(ranges[young]) == pytest.approx(nearer, rel=0.02)
+    assert np.nanmedian(ranges[~young]) == pytest.approx(DISTANCE, rel=0.02)
+
+
+def test_sectors_of_the_last_turn_stay_as_far_as_odometry_proves_that_the_robot_stood(ros):
+    bench = Bench(ros, republish_period=0.0, use_sim_time=True)
+    clock = bench.node.create_publisher(Clock, 'clock', 10)
+    robot = Robot(bench)
+
+    def tick(time):
+        clock.publish(Clock(clock=to_stamp(round(time * 1e9))))
+        bench.ros.spin_until(
+            lambda: bench.depth.get_clock().now().nanoseconds >= time * 1e9 - 1, 'the clock'
+        )
+
+    turn = COLUMNS * PACE
+    bench.partial(100)
+    robot.drive(START - 1, START + turn + 0.2)
+    tick(START + turn + 0.2)
+    ranges, _, _ = finished_and_begun_anew(bench, 100, 1)
+    assert np.isfinite(ranges).mean() > 0.95, 'it stood all the time'
+    robot.drive(START + turn + 0.3, START + turn + 0.4, x=0.5)
+    robot.drive(START + turn + 0.8, START + turn + 3, x=0.5)
+    tick(START + turn + 3)
+    ranges, _, _ = bench.partial(260, start=START + turn)
+    assert np.isnan(ranges).all(), 'all was measured, in part, before it moved'
+    ranges, age, _ = bench.partial(340, start=START + turn)
+    assert np.isfinite(ranges).any()
+    assert np.nanmax(age) <= 340 * PACE - 0.8, 'measured since it stands'
