@@ -8,11 +8,19 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.report import table
-from benchmarks.scenes import NOISE
-from benchmarks.stripes import ARM_RADIUS, COLUMNS, FIELD_OF_VIEW, measure, panorama_scores
+from benchmarks.stripes import (
+    ARM_RADIUS,
+    COLUMNS,
+    FIELD_OF_VIEW,
+    Image,
+    bands,
+    look,
+    measure,
+    noisy,
+    panorama_scores,
+)
 from panodepth_ros.analysis.evaluation import DepthScore, ScanScore
 from panodepth_ros.camera.simulated import Room, RoomCamera, furnished_room
 from panodepth_ros.geometry import PinholeCamera
@@ -42,17 +50,17 @@ class Case:
         Standard deviation of the frames' stamps [s].
     delay : float
         How much later frames are exposed than their stamps say [s].
-    row_time : float
-        From the exposure of one row to that of the next [s].
+    shutter : float
+        How long the rows of a frame are exposed one after the other [s]; 0 if all at once.
     known : bool
-        Whether the assembler knows delay and row time.
+        Whether the assembler knows delay and shutter.
     """
 
     turn_time: float = 10.0
     framerate: float = 30.0
     jitter: float = 0.0
     delay: float = 0.0
-    row_time: float = 0.0
+    shutter: float = 0.0
     known: bool = False
 
     @property
@@ -68,17 +76,17 @@ class Case:
 
 
 def exposed(
-    room: Room, lens: RoomCamera, moment: float, case: Case, velocity: float
-) -> npt.NDArray[np.float32]:
+    room: Room, lens: RoomCamera, moment: float, case: Case, velocity: float, seen: list[slice]
+) -> Image:
     """Frame whose middle row is exposed at a moment, without noise."""
-    if not case.row_time:
-        return room.render(velocity * moment, lens, ARM_RADIUS).astype(np.float32)
+    if not case.shutter:
+        return look(room, lens, velocity * moment, seen)
     rows = []
     for v in range(lens.height):
         row = dataclasses.replace(lens, height=1, cy=lens.cy - v)
-        late = (v - 0.5 * (lens.height - 1)) * case.row_time
-        rows.append(room.render(velocity * (moment + late), row, ARM_RADIUS))
-    return np.concatenate(rows).astype(np.float32)
+        late = (v - 0.5 * (lens.height - 1)) * case.shutter / lens.height
+        rows.append(look(room, row, velocity * (moment + late), seen))
+    return np.concatenate(rows)
 
 
 def sweep(room: Room, lens: RoomCamera, offset: float, case: Case, direction: float) -> Sweep:
@@ -93,10 +101,13 @@ def sweep(room: Room, lens: RoomCamera, offset: float, case: Case, direction: fl
         stripe_distance=STRIPE_DISTANCE if case.stripe > 1 else math.inf,
     )
     known = case if case.known else Case()
+    motion = ArmMotion(round(1e9))
     builder = ContinuousAssembler(
-        rig, ArmMotion(round(1e9)), round(known.delay * 1e9), known.row_time
+        rig, motion, round(known.delay * 1e9), known.shutter / lens.height
     )
-    builder.set_camera(PinholeCamera(**{n: getattr(lens, n) for n in RoomCamera.__slots__}))
+    camera = PinholeCamera(**{n: getattr(lens, n) for n in RoomCamera.__slots__})
+    builder.set_camera(camera)
+    seen = bands(rig, camera, 0.5 * case.velocity * case.shutter)
     velocity = direction * case.velocity
     duration = case.turn_time * (1 + BEYOND)
     events: list[tuple[float, float | None]] = [
@@ -109,11 +120,8 @@ def sweep(room: Room, lens: RoomCamera, offset: float, case: Case, direction: fl
         if frame is None:
             done = builder.add_joint_state(begin + round(time * 1e9), velocity * time, None)
         else:
-            image = exposed(room, lens, frame + case.delay, case, velocity)
-            image += rng.normal(0, NOISE, image.shape).astype(np.float32)
-            done = builder.add_frame(
-                begin + round(time * 1e9), np.clip(np.rint(image), 0, 255).astype(np.uint8)
-            )
+            image = exposed(room, lens, frame + case.delay, case, velocity, seen)
+            done = builder.add_frame(begin + round(time * 1e9), noisy(image, rng))
         if done:
             return done[0]
     raise RuntimeError('the turn was not finished')
@@ -144,10 +152,10 @@ def cases() -> dict[str, Case]:
     rates = {f'10 s, {f:g} Hz': Case(framerate=f) for f in (15.0, 60.0)}
     jitters = {f'10 s, jitter {1e3 * j:g} ms': Case(jitter=j) for j in (0.001, 0.005)}
     delays = {f'10 s, delay {1e3 * d:g} ms': Case(delay=d) for d in (0.01, 0.05)}
-    rolling = Case(row_time=2e-4)
+    rolling = Case(shutter=0.024)
     shutters = {
-        '10 s, rows 0.2 ms apart, not told': rolling,
-        '10 s, rows 0.2 ms apart': dataclasses.replace(rolling, known=True),
+        '10 s, rolling shutter of 24 ms, not told': rolling,
+        '10 s, rolling shutter of 24 ms': dataclasses.replace(rolling, known=True),
     }
     return turns | rates | jitters | delays | shutters
 
@@ -172,7 +180,7 @@ def main() -> None:
         rows.append(line(name, str(round(case.turn_time * case.framerate)), depth, scan))
     head = ['', 'frames', 'median error %', 'wrong %', 'coverage %', 'within 5 %']
     print(table([*head, 'too far %', 'too near %'], rows))
-    for delay in (0.01, 0.05):
+    for delay in (0.01, 0.05) if not chosen.only or 'delay' in chosen.only else ():
         found = both_ways(room, lens, offset, Case(delay=delay))
         print(
             f'\ndelay of {1e3 * delay:g} ms, from a turn to either side: '

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +33,7 @@ from panodepth_ros.mosaic import Rig, Sweep
 from panodepth_ros.scan.beams import ScanSettings, laser_ranges
 
 Eyes = tuple[PanoramaGeometry, PanoramaGeometry]
+Image = npt.NDArray[np.float32]
 
 FIELD_OF_VIEW = math.radians(34.0)
 ARM_RADIUS = 0.30
@@ -53,15 +54,37 @@ class Row:
     scans: tuple[ScanScore, ...]
 
 
-def frames(
-    room: Room, lens: RoomCamera, azimuths: Iterable[float]
-) -> Iterator[npt.NDArray[np.uint8]]:
-    """What the camera sees from each arm azimuth, with noise."""
-    rng = np.random.default_rng(1)
-    for azimuth in azimuths:
-        image = room.render(azimuth, lens, ARM_RADIUS).astype(np.float32)
-        image += rng.normal(0, NOISE, image.shape).astype(np.float32)
-        yield np.clip(np.rint(image), 0, 255).astype(np.uint8)
+def bands(rig: Rig, camera: PinholeCamera, shear: float = 0.0) -> list[slice]:
+    """
+    Columns of the frames that a sweep may sample; rendering these alone saves most of the time.
+
+    ``shear`` is how far the arm may turn within a frame to either side [rad].
+    """
+    reach = rig.reach * rig.column_step
+    found = []
+    for offset in (rig.column_offset, 0.0, -rig.column_offset):
+        angle = camera.ray_angle(offset)
+        sides = [rig.ray_angle(angle, reach), rig.ray_angle(angle, -reach)]
+        u, _ = camera.project([min(sides) - shear, max(sides) + shear], [0.0, 0.0])
+        first, last = math.floor(u.min()) - 1, math.ceil(u.max()) + 1
+        found.append(slice(max(first, 0), min(last + 1, camera.width)))
+    return found
+
+
+def look(room: Room, lens: RoomCamera, azimuth: float, seen: list[slice]) -> Image:
+    """What the camera sees in some of its columns, without noise; the others are black."""
+    image = np.zeros((lens.height, lens.width, 3), np.float32)
+    for columns in seen:
+        width = columns.stop - columns.start
+        part = dataclasses.replace(lens, width=width, cx=lens.cx - columns.start)
+        image[:, columns] = room.render(azimuth, part, ARM_RADIUS)
+    return image
+
+
+def noisy(image: Image, rng: np.random.Generator) -> npt.NDArray[np.uint8]:
+    """Frame of a sensor with noise."""
+    noise = rng.normal(0, NOISE, image.shape).astype(np.float32)
+    return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
 
 
 def measure(room: Room, lens: RoomCamera, offset: float, stripe: int, distance: float) -> Row:
@@ -77,8 +100,9 @@ def measure(room: Room, lens: RoomCamera, offset: float, stripe: int, distance: 
     azimuths = [number * stripe * rig.column_step for number in range(rig.sweep_frames)]
     camera = PinholeCamera(**{name: getattr(lens, name) for name in RoomCamera.__slots__})
     sweep = Sweep(rig, camera, 0.0)
-    for number, image in enumerate(frames(room, lens, azimuths)):
-        sweep.add(number + 1, image, azimuths[number])
+    rng, seen = np.random.default_rng(1), bands(rig, camera)
+    for number, azimuth in enumerate(azimuths):
+        sweep.add(number + 1, noisy(look(room, lens, azimuth, seen), rng), azimuth)
     eyes = sweep.panoramas()
     matched = match(eyes['left'], eyes['right'])
     exact = eyes['left'].geometry, eyes['right'].geometry
