@@ -84,5 +84,12 @@ class Processes:
 
     def output(self, name: str) -> str:
         """Return the last lines that a process printed."""
-        text = (self._logs / f'{name}.log').read_text(errors='replace')
-        return '\n'.join(text.splitlines()[-12:])
+        return '\n'.join(self.text(name).splitlines()[-12:])
+
+    def text(self, name: str) -> str:
+        """Return all that a process printed."""
+        return (self._logs / f'{name}.log').read_text(errors='replace')
+
+    def pid(self, name: str) -> int:
+        """Return the number of a running process."""
+        return self._running[name].pid
