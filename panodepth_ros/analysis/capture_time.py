@@ -10,6 +10,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+#: How far the arm may turn while a frame is exposed without that blur shows [columns].
+BLUR = 0.5
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motor:
@@ -124,7 +127,33 @@ def continuous(
     frames = _frames(columns, frame_rate, stripe)
     speed = min(stripe * column_step * frame_rate, motor.speed)
     duration = columns * column_step / speed + 2 * speed / motor.acceleration
-    return Capture(duration, frames, speed, 0.5 * column_step / speed)
+    return Capture(duration, frames, speed, BLUR * column_step / speed)
+
+
+def safe_speed(exposure: float, column_step: float) -> float:
+    """
+    Speed at which the arm turns by half a column while a frame is exposed.
+
+    Parameters
+    ----------
+    exposure : float
+        [s], > 0.
+    column_step : float
+        θ0 [rad].
+
+    Returns
+    -------
+    float
+        [rad/s]; a slower arm blurs less.
+
+    Raises
+    ------
+    ValueError
+        If there is no such exposure.
+    """
+    if not 0 < exposure < math.inf:
+        raise ValueError(f'exposure is {1e3 * exposure:g} ms; allowed: finite and above 0')
+    return BLUR * column_step / exposure
 
 
 def widest_stripe(principal_angle: float, angle_of_view: float, column_step: float) -> int:

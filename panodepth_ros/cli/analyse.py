@@ -14,6 +14,7 @@ from panodepth_ros.analysis.capture_time import (
     Capture,
     Motor,
     continuous,
+    safe_speed,
     stop_and_go,
     widest_stripe,
 )
@@ -112,6 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--acceleration', type=float, default=3600.0, metavar='DEG_S2', help='(%(default)s °/s²)')
     add('--settle', type=float, default=0.1, metavar='S', help='after a step (%(default)s s)')
     add('--frame-rate', type=float, default=30.0, metavar='HZ', help='camera (%(default)s Hz)')
+    add('--exposure', type=float, metavar='MS', help='of a frame: which speed is safe for it')
     add(
         *('--stripe',),
         type=int,
@@ -318,6 +320,8 @@ def _capture(rig: RigNumbers, arguments: argparse.Namespace) -> list[str]:
         for stripe in stripes:
             took = mode(columns, rig.step, motor, arguments.frame_rate, stripe=stripe)
             lines.append(_capture_row(f'  {name}, {stripe} column{"s"[: stripe > 1]}', took))
+    if arguments.exposure is not None:
+        lines += ['', _safe_speed(arguments.exposure * 1e-3, rig.step)]
     if arguments.motor_steps is not None:
         lines += ['', _motor_steps(arguments.motor_steps, arguments.step)]
     return lines
@@ -333,6 +337,15 @@ def _capture_row(label: str, took: Capture) -> str:
             f'{math.degrees(took.arm_speed):.1f} °/s' if steady else 'stands',
             f'{1000 * took.longest_exposure:.1f} ms' if steady else 'any',
         ),
+    )
+
+
+def _safe_speed(exposure: float, step: float) -> str:
+    """Say how fast the arm may turn for an exposure."""
+    speed = math.degrees(safe_speed(exposure, step))
+    return (
+        f'an exposure of {1e3 * exposure:g} ms blurs by half a column at {speed:.1f} °/s, a turn '
+        f'of {360 / speed:.1f} s; turn no faster'
     )
 
 

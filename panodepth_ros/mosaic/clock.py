@@ -104,9 +104,9 @@ class DelayCheck:
     """Watches sweep after sweep for two to either side, and tells the delay they show."""
 
     def __init__(self) -> None:
-        self._last: tuple[Panorama, float] | None = None
+        self._last: tuple[Panorama, float, int] | None = None
 
-    def add(self, center: Panorama, velocity: float) -> DelayEstimate | None:
+    def add(self, center: Panorama, velocity: float, end: int) -> DelayEstimate | None:
         """
         Take the next sweep.
 
@@ -116,15 +116,22 @@ class DelayCheck:
             Of the sweep.
         velocity : float
             Mean velocity of the arm [rad/s], signed.
+        end : int
+            Stamp of the sweep's last frame [ns].
 
         Returns
         -------
         DelayEstimate or None
-            None if the sweep before turned the same way, was of another size, or too little can
-            be seen. A pair of sweeps is used once, for a correction may come between two pairs.
+            None if the sweep before turned the same way, was of another size, ended longer
+            before this one began than it took itself, for the robot may have turned meanwhile,
+            or too little can be seen. A pair of sweeps is used once, for a correction may come
+            between two pairs.
         """
-        last, self._last = self._last, (center, velocity)
+        last, self._last = self._last, (center, velocity, end)
         if last is None or last[1] * velocity >= 0:
+            return None
+        pause = (end - last[2]) * 1e-9 - center.geometry.sweep_duration
+        if not 0 <= pause <= last[0].geometry.sweep_duration:
             return None
         try:
             found = estimate_delay(last[0], center, (last[1], velocity))

@@ -199,6 +199,7 @@ class Sweep:
         pairs = (rig.column_offset, *rig.further_offsets)
         offsets = (*(side * offset for offset in pairs for side in (1, -1)), 0.0)
         rows = visible_rows(camera, offsets, _widest(rig, camera, offsets))
+        self._offsets = offsets
         _check_stripes(rig, camera, offsets)
         names = panorama_names(len(rig.further_offsets))
         self._views = {
@@ -299,7 +300,8 @@ class Sweep:
         Raises
         ------
         ValueError
-            If the image has another size than the camera or another kind than the first one.
+            If the image has another size than the camera or another kind than the first one, or a
+        rolling shutter shears the stripes over its side.
         """
         expected = (self.camera.height, self.camera.width)
         if image.shape[:2] != expected:
@@ -314,6 +316,8 @@ class Sweep:
                 f'the sweep began with {first.shape[2] if first.ndim == 3 else 1}'
             )
         rig = self.rig
+        if row_turn:
+            _check_stripes(rig, self.camera, self._offsets, row_turn)
         own = rig.columns / 2 - (arm_azimuth - self._reference) / rig.column_step
         filled = 0
         for column in range(math.ceil(own - rig.reach), math.floor(own + rig.reach) + 1):
@@ -476,16 +480,21 @@ def _widest(rig: Rig, camera: PinholeCamera, offsets_px: tuple[float, ...]) -> f
     )
 
 
-def _check_stripes(rig: Rig, camera: PinholeCamera, offsets_px: tuple[float, ...]) -> None:
-    """Refuse stripes that reach over the image's side."""
+def _check_stripes(
+    rig: Rig, camera: PinholeCamera, offsets_px: tuple[float, ...], row_turn: float = 0.0
+) -> None:
+    """Refuse stripes that reach over the image's side, also by a rolling shutter's shear."""
     half = (rig.stripe_columns - 1) / 2 * rig.column_step
+    shear = 0.5 * (camera.height - 1) * abs(row_turn)
     for offset in offsets_px:
         middle = camera.ray_angle(offset)
-        angles = [rig.ray_angle(middle, side * half) for side in (1, 0, -1)]
+        angles = [rig.ray_angle(middle, side * half) + side * shear for side in (1, 0, -1)]
         u, _ = camera.project(angles, [math.tan(camera.mounting.tilt)])
         if not (u >= -_HALF_PIXEL).all() or not (u <= camera.width - 1 + _HALF_PIXEL).all():
+            rolling = f', with {math.degrees(shear):.1f}° of turn within half a frame, reaches'
+            digits = 0 if shear else 1  # the speed of an arm varies, the sentence should not
             raise ValueError(
                 f'the stripe of {rig.stripe_columns} columns around {offset:+g} px from the '
-                f'principal point reaches from u = {u[0]:.1f} to {u[2]:.1f}, over the side of the '
-                f'image; allowed: 0 to {camera.width - 1}'
+                f'principal point{rolling if shear else " reaches"} from u = {u[0]:.{digits}f} to '
+                f'{u[2]:.{digits}f}, over the side of the image; allowed: 0 to {camera.width - 1}'
             )

@@ -371,7 +371,7 @@ class Mosaicer(Node):
 
     def _publish_panoramas(self, sweep: Sweep) -> None:
         panoramas = sweep.panoramas()
-        self._check_delay(panoramas['center'], sweep.velocity)
+        self._check_delay(panoramas['center'], sweep.velocity, sweep.end or 0)
         header = Header(stamp=to_stamp(sweep.end or 0), frame_id=self._settings.frame_id)
         self._last_panoramas = []
         for name, panorama in panoramas.items():
@@ -388,12 +388,12 @@ class Mosaicer(Node):
         self.get_logger().info(self._last_end)
         self._report_drops()
 
-    def _check_delay(self, center: Panorama, velocity: float) -> None:
+    def _check_delay(self, center: Panorama, velocity: float, end: int) -> None:
         """Correct the clocks by what two sweeps to either side tell."""
         builder = self._assembler
         if not isinstance(builder, ContinuousAssembler):
             return
-        found = self._delay_check.add(center, velocity)
+        found = self._delay_check.add(center, velocity, end)
         if found is None:
             return
         in_use = builder.image_delay * 1e-6

@@ -4,7 +4,13 @@ import math
 
 import pytest
 
-from panodepth_ros.analysis.capture_time import Motor, continuous, stop_and_go, widest_stripe
+from panodepth_ros.analysis.capture_time import (
+    Motor,
+    continuous,
+    safe_speed,
+    stop_and_go,
+    widest_stripe,
+)
 from panodepth_ros.arm.motion import chain
 
 STEP = math.radians(0.2)
@@ -39,6 +45,15 @@ def test_continuous_turns_as_fast_as_the_camera_sees():
     assert math.degrees(took.arm_speed) == pytest.approx(12.0)
     assert took.duration == pytest.approx(30.0 + 2 * 12 / 3600)
     assert took.longest_exposure == pytest.approx(0.1 / 12)
+
+
+def test_safe_speed_turns_half_a_column_within_the_exposure():
+    assert math.degrees(safe_speed(0.005, STEP)) == pytest.approx(0.1 / 0.005)
+    took = continuous(1800, STEP, MOTOR, 60.0)
+    assert safe_speed(took.longest_exposure, STEP) == pytest.approx(took.arm_speed)
+    for exposure in (0.0, -0.001, math.nan, math.inf):
+        with pytest.raises(ValueError, match=r'exposure is .* ms; allowed: finite and above 0'):
+            safe_speed(exposure, STEP)
 
 
 def test_continuous_is_limited_by_the_motor():

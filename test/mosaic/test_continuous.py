@@ -140,10 +140,16 @@ def test_delay_is_found_from_turns_to_both_sides():
     assert found.stddev < 0.001
 
     check = DelayCheck()
-    assert check.add(panoramas[0], forward.velocity) is None
-    assert check.add(panoramas[0], forward.velocity) is None, 'the same way twice'
-    assert check.add(panoramas[1], backward.velocity) == found
-    assert check.add(panoramas[0], forward.velocity) is None, 'a pair was used twice'
+    took = round(panoramas[0].geometry.sweep_duration * 1e9)
+    at = [k * (took + 1000 * MS) for k in range(8)]
+    assert check.add(panoramas[0], forward.velocity, at[0]) is None
+    assert check.add(panoramas[0], forward.velocity, at[1]) is None, 'the same way twice'
+    assert check.add(panoramas[1], backward.velocity, at[2]) == found
+    assert check.add(panoramas[0], forward.velocity, at[3]) is None, 'a pair was used twice'
+    assert check.add(panoramas[1], backward.velocity, at[6]) is None, (
+        'it may be another robot pose'
+    )
+    assert check.add(panoramas[0], forward.velocity, at[7]) is not None
 
     # With that delay the turns agree, and lie where the scene is.
     corrected = assembler(delay=found.delay)
@@ -189,3 +195,23 @@ def test_rows_exposed_one_after_the_other_are_put_upright(known):
     error = np.delete(error, COLUMNS // 2, axis=1)  # there the arm starts at once, in mid-frame
     assert (error.max() < 3.0) == known
     assert (error.max() > 10.0) == (not known)
+
+
+def test_rolling_shutter_that_shears_stripes_out_of_the_image_is_named():
+    rig = Rig(
+        arm_radius=0.3,
+        column_offset=28.0,
+        columns=COLUMNS,
+        sweep_columns=COLUMNS,
+        stripe_columns=5,
+    )
+    built = assembler(rig=rig)
+    built.row_time = 0.01
+    assert record(built, 17.0) == []
+    (reason,) = (reason for reason in built.drops if 'stripe' in reason)
+    assert 'of 5 columns around +28 px' in reason
+    assert 'within half a frame' in reason
+    assert 'allowed: 0 to 60' in reason
+    built = assembler(rig=rig)
+    built.row_time = 0.001
+    assert record(built, 17.0)[0].complete
