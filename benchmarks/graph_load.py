@@ -75,20 +75,11 @@ def render(folder: Path, rig: Rig, camera: PinholeCamera, lens: RoomCamera, fram
             cv2.imwrite(str(file), image)
 
 
-def parameters(scratch: Path, rig: Rig, case: Case, lens: RoomCamera) -> dict[str, Any]:
+def parameters(scratch: Path, rig: Rig, case: Case, camera: PinholeCamera) -> dict[str, Any]:
     """Parameters of the nodes, by node."""
     calibration = scratch / 'camera.yaml'
     write_calibration(
-        Calibration.of_pinhole(
-            image_width=lens.width,
-            image_height=lens.height,
-            fx=lens.fx,
-            fy=lens.fy,
-            cx=lens.cx,
-            cy=lens.cy,
-            distortion=(0.0, 0.0, 0.0, 0.0, 0.0),
-            camera_name='panodepth_camera',
-        ),
+        Calibration.of_pinhole(camera, camera_name='panodepth_camera'),
         calibration,
     )
     return {
@@ -100,8 +91,8 @@ def parameters(scratch: Path, rig: Rig, case: Case, lens: RoomCamera) -> dict[st
         'camera': {
             'source': 'images',
             'video_device': str(scratch / 'frames'),
-            'image_width': lens.width,
-            'image_height': lens.height,
+            'image_width': camera.width,
+            'image_height': camera.height,
             'framerate': case.framerate,
             'camera_info_url': calibration.as_uri(),
         },
@@ -187,20 +178,24 @@ def measure(processes: Processes, scratch: Path, duration: float, turn: float) -
     pids = {node: processes.pid(node) for node in NODES}
     begin, before = time.monotonic(), {node: Use.of(pid) for node, pid in pids.items()}
     first_frame, first_scan = len(client.frames), len(client.latencies)
-    client.until(lambda: time.monotonic() - begin > duration, 'the end', duration + 1)
+    client.until(lambda: time.monotonic() - begin > duration / 2, 'half the time', duration)
+    halfway = {node: Use.of(pid).memory for node, pid in pids.items()}
+    client.until(lambda: time.monotonic() - begin > duration, 'the end', duration)
     took, after = time.monotonic() - begin, {node: Use.of(pid) for node, pid in pids.items()}
     rows = [
         [
             node,
             f'{100 * (after[node].cpu - before[node].cpu) / took:.1f}',
             f'{after[node].memory / _MEGABYTE:.0f}',
-            f'{(after[node].memory - before[node].memory) / _MEGABYTE:+.1f}',
+            f'{(halfway[node] - before[node].memory) / _MEGABYTE:+.1f}',
+            f'{(after[node].memory - halfway[node]) / _MEGABYTE:+.1f}',
         ]
         for node in NODES
     ]
     whole = sum(after[node].cpu - before[node].cpu for node in NODES) / took
-    rows.append(['all', f'{100 * whole:.1f}', '', ''])
-    print(table(['', 'CPU, % of a core', 'memory MB', 'growth MB'], rows))
+    rows.append(['all', f'{100 * whole:.1f}', '', '', ''])
+    growth = ('growth in the first half MB', 'in the second')
+    print(table(['', 'CPU, % of a core', 'memory MB', *growth], rows))
     stamps, latencies = client.frames[first_frame:], client.latencies[first_scan:]
     said = processes.text('mosaicer')
     matched = re.findall(r'took ([0-9.]+) s', processes.text('depth'))
@@ -247,7 +242,7 @@ def main() -> None:
         for number in range(round((chosen.duration + 2 * case.turn_time + 60) * case.framerate)):
             link = scratch / 'frames' / f'{number}.bmp'
             link.symlink_to(folder / f'{number % frames}.bmp')
-        by_node = parameters(scratch, rig, case, lens)
+        by_node = parameters(scratch, rig, case, camera)
         told = {f'/{node}': {'ros__parameters': own} for node, own in by_node.items() if own}
         (scratch / 'parameters.yaml').write_text(yaml.safe_dump(told))
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'

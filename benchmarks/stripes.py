@@ -84,7 +84,7 @@ def look(room: Room, lens: RoomCamera, azimuth: float, seen: list[slice]) -> Ima
 def noisy(image: Image, rng: np.random.Generator) -> npt.NDArray[np.uint8]:
     """Frame of a sensor with noise."""
     noise = rng.normal(0, NOISE, image.shape).astype(np.float32)
-    return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(image + noise), 0, 255), np.uint8)
 
 
 def measure(room: Room, lens: RoomCamera, offset: float, stripe: int, distance: float) -> Row:
