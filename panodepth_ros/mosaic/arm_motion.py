@@ -13,7 +13,7 @@ from collections import deque
 from dataclasses import dataclass
 from itertools import islice
 
-from panodepth_ros.mosaic.arm_track import HISTORY
+from panodepth_ros.mosaic.arm_track import HISTORY, check_joint_state
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +80,7 @@ class ArmMotion:
         ValueError
             If the stamp does not grow or a number is not finite.
         """
-        if not math.isfinite(position) or not math.isfinite(velocity or 0.0):
-            raise ValueError(f'joint state has position {position}, velocity {velocity}')
-        newest = self.newest
-        if newest is not None and stamp <= newest:
-            raise ValueError(f'joint state is {(newest - stamp) / 1e9:.6f} s out of order')
+        check_joint_state(self.newest, stamp, position, velocity)
         self._states.append((stamp, position))
         while len(self._states) > 2 and self._states[1][0] < stamp - HISTORY:
             self._states.popleft()

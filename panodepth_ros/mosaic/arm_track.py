@@ -16,6 +16,23 @@ from dataclasses import dataclass
 HISTORY = 30_000_000_000
 
 
+def check_joint_state(
+    newest: int | None, stamp: int, position: float, velocity: float | None
+) -> None:
+    """
+    Refuse a joint state that cannot be placed after the newest one.
+
+    Raises
+    ------
+    ValueError
+        If the stamp [ns] does not grow, or position or velocity is not finite.
+    """
+    if not math.isfinite(position) or not math.isfinite(velocity or 0.0):
+        raise ValueError(f'joint state has position {position}, velocity {velocity}')
+    if newest is not None and stamp <= newest:
+        raise ValueError(f'joint state is {(newest - stamp) / 1e9:.6f} s out of order')
+
+
 @dataclass(slots=True)
 class Standstill:
     """
@@ -91,10 +108,7 @@ class ArmTrack:
         ValueError
             If the stamp does not grow or a number is not finite.
         """
-        if not math.isfinite(position) or not math.isfinite(velocity or 0.0):
-            raise ValueError(f'joint state has position {position}, velocity {velocity}')
-        if self._newest is not None and stamp <= self._newest:
-            raise ValueError(f'joint state is {(self._newest - stamp) / 1e9:.6f} s out of order')
+        check_joint_state(self._newest, stamp, position, velocity)
         near = self._newest is not None and stamp - self._newest <= self._longest_gap
         same = abs(position - self._position) <= self._tolerance
         if velocity:

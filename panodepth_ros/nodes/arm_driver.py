@@ -10,7 +10,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -30,6 +29,7 @@ from panodepth_ros.arm.grid import StepGrid
 from panodepth_ros.arm.interface import Arm, ArmState
 from panodepth_ros.nodes.arm_settings import ArmDriverParameters, open_arm
 from panodepth_ros.ros import qos
+from panodepth_ros.ros.diagnostics import ERROR, OK, WARN, Report, publish_diagnostics
 from panodepth_ros.ros.parameters import declare_parameters
 from panodepth_ros.ros.process import run_node
 
@@ -59,7 +59,6 @@ class ArmDriver(Node):
         self._retry_at = 0.0
         self._backoff = _FIRST_BACKOFF
         self._joint_publisher = self.create_publisher(JointState, 'joint_states', qos.JOINT_STATES)
-        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         try:
             self._arm = self._open()
             self._check_step(self._arm)
@@ -76,7 +75,7 @@ class ArmDriver(Node):
             ):
                 self.create_service(Trigger, f'~/{name}', callback, callback_group=group)
             self.create_service(SetBool, '~/spin', self._on_spin, callback_group=group)
-            self.create_timer(1.0, self._publish_diagnostics)
+            publish_diagnostics(self, 'arm', self._diagnose)
             # A daemon, so that a signal between here and the first spin cannot leave it behind.
             self._worker = threading.Thread(target=self._work, name='arm worker', daemon=True)
             self._worker.start()
@@ -309,30 +308,23 @@ class ArmDriver(Node):
             if self.context.ok():  # else the process is ending while the arm brakes
                 raise
 
-    def _publish_diagnostics(self) -> None:
+    def _diagnose(self) -> Report:
         arm, state = self._arm, self._last_state
         if arm is None:
-            level, summary = DiagnosticStatus.ERROR, 'disconnected'
+            level, summary = ERROR, 'disconnected'
         elif arm.doubt:
-            level, summary = DiagnosticStatus.ERROR, f'position uncertain: {arm.doubt}'
+            level, summary = ERROR, f'position uncertain: {arm.doubt}'
         elif self._reported:
-            level, summary = DiagnosticStatus.WARN, self._reported
+            level, summary = WARN, self._reported
         else:
-            level, summary = DiagnosticStatus.OK, self._running or 'standing'
-        known = state is not None and level == DiagnosticStatus.OK
-        status = DiagnosticStatus(level=level, name='arm_driver: arm', message=summary)
-        status.hardware_id = self._settings.port
-        status.values = [
-            KeyValue(key='port', value=self._settings.port),
-            KeyValue(
-                key='position_deg',
-                value=f'{math.degrees(state.azimuth):.3f}' if known and state else 'unknown',
-            ),
-            KeyValue(key='last_error', value=self._last_error),
-        ]
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics_publisher.publish(message)
+            level, summary = OK, self._running or 'standing'
+        known = state is not None and level == OK
+        values: dict[str, object] = {
+            'port': self._settings.port,
+            'position_deg': f'{math.degrees(state.azimuth):.3f}' if known and state else 'unknown',
+            'last_error': self._last_error,
+        }
+        return Report(level, summary, values, self._settings.port)
 
 
 def main(args: list[str] | None = None) -> int:
