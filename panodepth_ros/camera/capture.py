@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 
 import cv2
@@ -33,16 +34,41 @@ PIXEL_FORMATS = {
 
 #: How soon a waiting read notices that it should end, and the least time between looks [s].
 _SLICE, _PAUSE = 0.2, 0.002
-#: A buffer time older than this is of another clock [s].
+#: How long to look for a frame that is there already [s].
+_GLANCE = 1e-6
+#: Which clock buffer times are of shows the first one that is younger than this by it [s].
 _OLDEST_STAMP = 2.0
+
+
+class BufferClock:
+    """
+    Tells times of a driver's buffers as ``time.monotonic()``.
+
+    Most drivers take them from the monotonic clock, old ones from that of the day, some leave
+    them 0. Once known, the clock stays: a frame that waited for long keeps its age.
+    """
+
+    def __init__(self) -> None:
+        self._clock: Callable[[], float] | None = None
+
+    def stamp(self, buffer_time: float) -> float | None:
+        """Time of a buffer [s] by ``time.monotonic()``; None if its clock is unknown."""
+        if self._clock is None:
+            for clock in (time.monotonic, time.time):
+                if 0.0 <= clock() - buffer_time < _OLDEST_STAMP:
+                    self._clock = clock
+        if self._clock is None:
+            return None
+        return time.monotonic() - max(self._clock() - buffer_time, 0.0)
 
 
 class V4l2Source:
     """
     A camera of the machine.
 
-    Stamps are the kernel's times of the buffers, which most drivers take from the monotonic
-    clock at the start of the frame; if a driver uses another clock, the time of reading.
+    Stamps are the kernel's times of the buffers, which most drivers take at the start of the
+    frame. Where they are of no known clock, the time of reading stands in, and frames that were
+    waiting to be read are dropped: nobody can tell how old they are.
 
     Parameters
     ----------
@@ -84,6 +110,7 @@ class V4l2Source:
         self._grey = pixel_format == 'mono8'
         self._automatics = automatics
         self._frame_timeout = frame_timeout
+        self._clock = BufferClock()
         check_device(self.name)
         self._capture = cv2.VideoCapture(self.name, cv2.CAP_V4L2)
         try:
@@ -128,32 +155,36 @@ class V4l2Source:
         """See :meth:`panodepth_ros.camera.source.FrameSource.read`."""
         while True:
             frame = self._next()
-            if self._automatics.admits(frame.stamp):
+            if frame is not None and self._automatics.admits(frame.stamp):
                 return frame
 
-    def _next(self) -> Frame:
+    def _next(self) -> Frame | None:
         deadline = time.monotonic() + self._frame_timeout
         if self._stop.is_set():
             raise SourceClosedError(f'video device {self.name} was closed')
-        while not self._ready():
+        waiting = ready = self._ready(_GLANCE)
+        while not ready:
             if self._stop.wait(_PAUSE):
                 raise SourceClosedError(f'video device {self.name} was closed')
             if time.monotonic() > deadline:
                 raise SourceLostError(
                     f'video device {self.name} gave no frame for {self._frame_timeout:g} s'
                 )
+            ready = self._ready(_SLICE)
         read, image = self._capture.read()
         now = time.monotonic()
         if not read or image is None:
             raise SourceLostError(f'video device {self.name} stopped delivering frames')
-        buffer_time = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
-        known = 0.0 <= now - buffer_time < _OLDEST_STAMP
-        return Frame(to_grey(image) if self._grey else image, buffer_time if known else now)
+        stamp = self._clock.stamp(self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0)
+        if stamp is None and waiting:
+            self.skipped += 1
+            return None
+        return Frame(to_grey(image) if self._grey else image, now if stamp is None else stamp)
 
-    def _ready(self) -> bool:
+    def _ready(self, seconds: float) -> bool:
         """Wait a little for a frame, so that reading will not block."""
         try:
-            _, ready = cv2.VideoCapture.waitAny([self._capture], round(_SLICE * 1e9))
+            _, ready = cv2.VideoCapture.waitAny([self._capture], round(seconds * 1e9))
         except cv2.error as error:
             raise SourceLostError(
                 f'video device {self.name} cannot be waited for: {error.err}'

@@ -8,26 +8,39 @@ import sys
 from typing import Any
 
 import pytest
-from fixtures.v4l2_device import ABSENT, IGNORES, REFUSES, Device
+from fixtures.v4l2_device import (
+    ABSENT,
+    IGNORES,
+    MONOTONIC,
+    NO_CLOCK,
+    REALTIME,
+    REFUSES,
+    Device,
+)
 
 pytestmark = pytest.mark.launch
 
 #: Opens the device, reads frames, tells what came of it.
 _PROGRAM = """
-import json, sys, threading
+import json, sys, threading, time
 from panodepth_ros.camera.automatics import Automatics, Wishes
 from panodepth_ros.camera.capture import V4l2Source
 from panodepth_ros.camera.source import SourceError
 
 path, wishes = sys.argv[1], json.loads(sys.argv[2])
+pause = wishes.pop('pause', 0.0)
 automatics = Automatics(Wishes(**wishes))
 try:
     source = V4l2Source(path, size=(64, 48), framerate=50.0, pixel_format='auto',
         automatics=automatics, frame_timeout=2.0, stop=threading.Event())
     shades = [int(source.read().image[20, 20, 1]) for _ in range(5)]
+    begin = time.monotonic()
+    if pause:  # the driver fills its buffers meanwhile
+        time.sleep(pause)
+    later = [source.read().stamp - begin for _ in range(8)]
     source.close()
     told = {'held': automatics.held, 'failures': automatics.failures, 'shades': shades,
-        'words': automatics.words()}
+        'words': automatics.words(), 'later': later, 'begin': begin, 'skipped': source.skipped}
 except SourceError as error:
     told = {'error': str(error)}
 print(json.dumps(told))
@@ -119,3 +132,24 @@ def test_what_the_device_does_not_have_is_refused(device: Device) -> None:
     device.behave('gain', ABSENT)
     missing = f'gain is 5, but video device {device.path} has no such control; it offers: White'
     assert missing in read(device, gain=5)['error']
+
+
+@pytest.mark.parametrize('clock', [MONOTONIC, REALTIME])
+def test_frames_that_waited_in_the_driver_keep_their_age(device: Device, clock: int) -> None:
+    device['clock'] = clock
+    told = read(device, settle_time=0.1, pause=2.2)
+    old, new = told['later'][:4], told['later'][5:]  # four buffers, and one when they are free
+    assert all(-0.05 < stamp < 0.2 for stamp in old)
+    assert all(stamp > 2.1 for stamp in new)
+    known = [stamp - told['begin'] for stamp in device.stamps()]
+    assert all(min(abs(stamp - moment) for moment in known) < 2e-3 for stamp in old + new)
+
+
+def test_frames_of_unknown_age_are_dropped(device: Device) -> None:
+    device['clock'] = NO_CLOCK
+    told = read(device, settle_time=0.1, pause=0.5)
+    assert told['skipped'] >= 4
+    known = [stamp - told['begin'] for stamp in device.stamps()]
+    assert all(stamp > 0.5 for stamp in told['later'])
+    fresh = [min(stamp - moment for moment in known if moment <= stamp) for stamp in told['later']]
+    assert sorted(fresh)[len(fresh) // 2] < 0.01

@@ -1,5 +1,8 @@
 """The camera node and a V4L2 device: what the camera may decide, and what holds it."""
 
+import time
+
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from fixtures.diagnostics import Diagnosis
@@ -10,8 +13,13 @@ from std_srvs.srv import Trigger
 
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.images import to_array
+from panodepth_ros.ros.messages import to_nanoseconds
 
 pytestmark = [pytest.mark.ros, pytest.mark.launch]
+
+
+def to_seconds(stamp):
+    return to_nanoseconds(stamp) / 1e9
 
 
 def arguments(device, **changes):
@@ -93,3 +101,41 @@ def test_a_camera_that_cannot_be_held_says_so_and_delivers(ros, device):
         answer = settle(ros)
         assert not answer.success
         assert sentence in answer.message
+
+
+def exposures(device, node):
+    """When the last frames were exposed, by the node's clock [s]."""
+    offset = node.get_clock().now().nanoseconds / 1e9 - time.monotonic()
+    return np.array(device.stamps()) + offset
+
+
+def test_stamps_are_when_the_driver_had_the_frame_not_when_it_was_read(ros, device):
+    device['latency_us'] = 150_000
+    pictures, node = Pictures(ros), ros.node('clock')
+    with started('camera', *arguments(device, auto_settle_time=0.1)):
+        for _ in range(10):
+            pictures.shade()
+        seen = [to_seconds(image.header.stamp) for image in pictures.seen[-10:]]
+        known = exposures(device, node)
+    assert all(np.abs(known - stamp).min() < 2e-3 for stamp in seen)
+
+
+def test_an_unplugged_camera_that_comes_back_gets_the_same_values(ros, device):
+    pictures = Pictures(ros)
+    diagnosis = Diagnosis(ros, 'camera: frames')
+    with started('camera', *arguments(device)) as running:
+        shade, chosen = pictures.shade(), device['exposure']
+        device.unplug()
+        running.wait_for_output('trying to open it again')
+        diagnosis.says(DiagnosticStatus.ERROR, str(device.path))
+        device['light'] = 200  # who would let it settle again would see the same shade as before
+        count = len(pictures.seen)
+        device.plug_in()
+        ros.spin_until(lambda: len(pictures.seen) > count + 5, 'frames of the camera again')
+        running.wait_for_output('delivers again')
+        assert device['exposure'] == chosen
+        assert device['auto_exposure'] == 1
+        assert all(
+            luminance(image) == pytest.approx(shade / 2, abs=3.0)
+            for image in pictures.seen[count:]
+        )
