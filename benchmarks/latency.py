@@ -219,8 +219,8 @@ def run(chosen: argparse.Namespace) -> Iterator[list[str]]:
         duration = events[-1].time
         for topic, late in rig.latencies.items():
             if late:
-                shown = f'{1e3 * float(np.median(late)):.0f} / {1e3 * max(late):.0f} ms'
-                yield [f'`{topic}` after its newest frame', f'{shown} ({len(late)} scans)']
+                shown = ' / '.join(f'{1e3 * q:.0f}' for q in np.quantile(late, (0.0, 0.5, 1.0)))
+                yield [f'`{topic}` after its newest frame', f'{shown} ms ({len(late)} scans)']
         for name, process in nodes.items():
             spent, peak = usage(process)
             yield [
@@ -242,7 +242,11 @@ def main() -> None:
     parser.add_argument('--width', type=int, default=160, help='of the frames, in pixels')
     parser.add_argument('--seed', type=int, default=1, help='which room')
     chosen = parser.parse_args()
-    print(table(['median / largest', ''], list(run(chosen))))
+    rows = list(run(chosen))
+    load = os.getloadavg()[0]
+    print(
+        table([f'load {load:.1f} of {os.cpu_count()} cores', 'smallest / median / largest'], rows)
+    )
 
 
 if __name__ == '__main__':

@@ -195,9 +195,11 @@ def _nearest_surfaces(
     inside = (level >= first[beam]) & (level < first[beam] + depth)
     order = np.lexsort((distance[inside], beam[inside]))
     of_beam, of_distance = beam[inside][order], distance[inside][order]
-    for k in np.unique(of_beam):
-        start, end = np.searchsorted(of_beam, (k, k + 1))
-        nearest[k] = np.median(of_distance[start:end])
+    start = np.flatnonzero(np.diff(of_beam, prepend=-1))
+    count = np.diff(start, append=of_beam.size)
+    # The median: the middle one, or the mean of both.
+    low, high = of_distance[start + (count - 1) // 2], of_distance[start + count // 2]
+    nearest[of_beam[start]] = (low + high) / 2
     return nearest
 
 
