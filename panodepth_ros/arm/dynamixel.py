@@ -15,8 +15,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import NamedTuple, NoReturn
 
-from panodepth_ros.motion.turning import Reading, TurnEstimator
-
 from .dynamixel_bus import DynamixelBus
 from .errors import (
     ArmAlarmError,
@@ -29,6 +27,7 @@ from .errors import (
     ArmTimeoutError,
 )
 from .interface import ArmState
+from .telling import StateTeller
 
 _PULSE = 2.0 * math.pi / 4096.0
 _FARTHEST_PULSE = 1_048_575
@@ -125,15 +124,13 @@ class DynamixelArm:
         self._settle_time = settle_time
         self._response_timeout = response_timeout
         self._clock = clock
-        self._listener = listener
-        self._last_stamp = 0
+        self._teller = StateTeller(clock, listener)
+        self._teller.resolve(_PULSE)
         self._doubt = ''
         self._moving = False
         self._stop_wanted = threading.Event()
         self._busy = threading.Lock()
         self._closing = threading.Lock()  # held for ever once closed
-        self._estimator = TurnEstimator(_PULSE)
-        self._shortest = math.inf  # round trip [s]
         self._bus = DynamixelBus(port, baud_rate, servo_id, response_timeout)
         try:
             self._prepare()
@@ -211,7 +208,7 @@ class DynamixelArm:
                     way = -way
                 else:
                     continue
-                self._estimator.clear()
+                self._teller.forget()
                 self._turn(wanted, high if way > 0.0 else low)
 
     def interrupt(self) -> None:
@@ -311,7 +308,7 @@ class DynamixelArm:
         if abs(way) <= 0.5 * _PULSE:
             return start
         velocity = math.copysign(self._speed, way)
-        self._emit(self._clock(), start.azimuth, velocity)
+        self._teller.begin(start.azimuth, velocity)
         deadline = time.monotonic() + 1.5 * abs(way) / self._speed + 1.0 + self._response_timeout
         self._turn(velocity, azimuth)
         while abs(self._follow(velocity) - azimuth) > _TOLERANCE * _PULSE:
@@ -329,17 +326,8 @@ class DynamixelArm:
         self._wait(min(self.status_period, _LONGEST_PERIOD))
         present = self._read()
         self._require_no_alarm()
-        self._shortest = min(self._shortest, present.round_trip)
         azimuth = present.position * _PULSE
-        estimate = None
-        if present.stamp > self._last_stamp:
-            delay = present.round_trip - self._shortest
-            self._estimator.add(Reading(present.stamp, azimuth, delay))
-            estimate = self._estimator.at(present.stamp)
-        if estimate is not None and estimate.velocity:
-            self._emit(present.stamp, estimate.azimuth, estimate.velocity)
-        else:
-            self._emit(present.stamp, azimuth, present.velocity or velocity)
+        self._teller.turn(present.stamp, azimuth, present.velocity or velocity, present.round_trip)
         return azimuth
 
     def _halt(self) -> None:
@@ -374,16 +362,10 @@ class DynamixelArm:
         while time.monotonic() < deadline:
             present = self._read()
             if not present.moving and abs(present.position - last.position) <= 1:
-                self._estimator.clear()
-                return self._emit(present.stamp, present.position * _PULSE, 0.0)
+                self._teller.forget()
+                return self._teller.tell(present.stamp, present.position * _PULSE, 0.0)
             last = present
         raise ArmProtocolError(f'arm on port {self.port} does not stand')
-
-    def _emit(self, stamp: int, azimuth: float, velocity: float) -> ArmState:
-        self._last_stamp = max(stamp, self._last_stamp + 1)
-        state = ArmState(self._last_stamp, azimuth, velocity)
-        self._listener(state)
-        return state
 
     def _wait(self, seconds: float) -> None:
         self._stop_wanted.wait(seconds)

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
-
-from panodepth_ros.motion.turning import Reading, TurnEstimator
 
 from . import grbl
 from .errors import ArmAlarmError, ArmProtocolError, ArmTimeoutError
 from .interface import ArmState
 from .link import Answer, GrblLink
+from .telling import StateTeller
 
 #: Whole motor steps that a position may count: 32-bit floats hold an eighth of a step there.
 _COUNTED_STEPS = 2.0**21
-#: How many round trips the shortest one is taken from.
-_ROUND_TRIPS = 64
 
 
 class Report(NamedTuple):
@@ -83,10 +79,7 @@ class Reports:
         self._axis = axis
         self._axis_index = grbl.AXES.index(axis)
         self._clock = clock
-        self._listener = listener
-        self._last_stamp = 0
-        self._round_trips: deque[float] = deque(maxlen=_ROUND_TRIPS)
-        self._estimator: TurnEstimator | None = None
+        self._teller = StateTeller(clock, listener)
 
     # The axis.
 
@@ -109,7 +102,7 @@ class Reports:
                     f'controller on port {self._link.port} has no usable setting '
                     f'${number + self._axis_index}'
                 )
-        self._estimator = TurnEstimator(self.motor_step)
+        self._teller.resolve(self.motor_step)
 
     def setting(self, number: int) -> float:
         """One setting; those of axes (from 100 on) are named by their number for X."""
@@ -234,43 +227,28 @@ class Reports:
     def begin(self, start: Report, velocity: float) -> None:
         """Tell that a motion of a commanded velocity [rad/s] begins."""
         self.velocity = velocity
-        if self._estimator is not None:
-            self._estimator.clear()
-        self._emit(self._clock(), start.azimuth, velocity)
+        self._teller.begin(start.azimuth, velocity)
 
     def stand(self, report: Report) -> ArmState:
         """Tell that the arm stands and has settled."""
-        return self._emit(report.stamp, report.azimuth, 0.0)
+        return self._teller.tell(report.stamp, report.azimuth, 0.0)
 
     def move(self, report: Report) -> None:
         """Tell that the arm moves, as reported."""
-        if self.velocity == 0.0:  # not a motion of this driver
-            return
-        velocity = self.velocity
-        if report.status.feed:
-            feed = report.status.feed * (25.4 if self.setting(13) else 1.0)
-            velocity = math.copysign(math.radians(feed / 60.0), velocity)
-        self._emit(report.stamp, report.azimuth, velocity)
+        if self.velocity != 0.0:  # else it is not a motion of this driver
+            self._teller.tell(report.stamp, report.azimuth, self._velocity(report.status))
 
     def turn(self, report: Report) -> None:
-        """Tell how the arm turns: by a line through the last reports, as soon as one fits."""
-        estimate = None
-        if self._estimator is not None and report.stamp > self._last_stamp:
-            if math.isfinite(report.round_trip):
-                self._round_trips.append(report.round_trip)
-                delay = report.round_trip - min(self._round_trips)
-                self._estimator.add(Reading(report.stamp, report.azimuth, delay))
-            estimate = self._estimator.at(report.stamp)
-        if estimate is None or estimate.velocity == 0.0:
-            self.move(report)
-        else:
-            self._emit(report.stamp, estimate.azimuth, estimate.velocity)
+        """Tell how the arm turns steadily."""
+        velocity = self._velocity(report.status)
+        self._teller.turn(report.stamp, report.azimuth, velocity, report.round_trip)
 
-    def _emit(self, stamp: int, azimuth: float, velocity: float) -> ArmState:
-        self._last_stamp = max(stamp, self._last_stamp + 1)
-        state = ArmState(self._last_stamp, azimuth, velocity)
-        self._listener(state)
-        return state
+    def _velocity(self, status: grbl.Status) -> float:
+        """Return what a report says of the velocity, or what was commanded [rad/s]."""
+        if not status.feed:
+            return self.velocity
+        feed = status.feed * (25.4 if self.setting(13) else 1.0)
+        return math.copysign(math.radians(feed / 60.0), self.velocity)
 
 
 def _round_trip(answer: Answer, begin: float) -> float:
