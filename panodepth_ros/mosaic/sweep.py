@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from panodepth_ros.geometry import ALIGNED, Mounting, Panorama, PanoramaGeometry, PinholeCamera
+from panodepth_ros.mosaic.closure import Seam, redistributed
 from panodepth_ros.mosaic.lookup import ColumnLookup, focal_length, snapped, visible_rows
 
 #: A frame serves columns this far beyond half its stripe, so that an arm may stop off the grid
@@ -48,6 +49,8 @@ class Rig:
     stripe_distance : float
         Distance from the axis at which stripes of neighbouring frames join [m]; +inf lets them
         join at the horizon, and hides nearer what lies between them.
+    closes : bool
+        Whether a sweep of a full turn keeps the frames that tell whether it closes.
     """
 
     arm_radius: float
@@ -58,6 +61,7 @@ class Rig:
     further_offsets: tuple[float, ...] = ()
     stripe_columns: int = 1
     stripe_distance: float = math.inf
+    closes: bool = False
 
     def __post_init__(self) -> None:
         if not self.stripe_distance >= 2 * self.arm_radius:
@@ -210,6 +214,8 @@ class Sweep:
         self.start: int | None = None
         self.end: int | None = None
         self._last_azimuth = first_azimuth
+        whole = rig.sweep_columns == rig.columns
+        self.seam = Seam() if rig.closes and whole else None
 
     @property
     def velocity(self) -> float:
@@ -327,6 +333,8 @@ class Sweep:
             self.start = stamp if self.start is None else self.start
             self.end = stamp
             self._last_azimuth = arm_azimuth
+            if self.seam is not None:
+                self.seam.take(image, arm_azimuth)
         return filled
 
     def _fill(
@@ -353,7 +361,7 @@ class Sweep:
         self._deviation[x] = abs(deviation)
         return True
 
-    def panoramas(self, *, settled: bool = False) -> dict[str, Panorama]:
+    def panoramas(self, *, settled: bool = False, lost: float = 0.0) -> dict[str, Panorama]:
         """
         Return the panoramas as they are, by the names of :func:`panorama_names`.
 
@@ -361,6 +369,9 @@ class Sweep:
         ----------
         settled : bool
             Whether only what is :attr:`settled` counts as seen.
+        lost : float
+            By how much the arm of a full turn turned less than it reported [rad], little by
+            little; what it saw is put where it belongs then.
 
         Raises
         ------
@@ -371,9 +382,15 @@ class Sweep:
             raise ValueError('no column was seen yet')
         duration = (self.end - self.start) / 1e9
         shown = self.settled if settled else self.seen
+        order = self._order()
         panoramas = {}
         for name, view in self._views.items():
             assert view.image is not None
+            image, ray_angle = view.image.copy(), np.where(shown, view.ray_angle, np.nan)
+            if lost:
+                image[:, order], ray_angle[order] = redistributed(
+                    image[:, order], ray_angle[order], lost / self.rig.column_step
+                )
             azimuth_column = (
                 self.rig.columns / 2
                 + (self._reference + view.principal_angle) / self.rig.column_step
@@ -387,11 +404,18 @@ class Sweep:
                 arm_radius=self.rig.arm_radius,
                 principal_angle=view.principal_angle,
                 sweep_duration=duration,
-                ray_angle=np.where(shown, view.ray_angle, np.nan),
+                ray_angle=ray_angle,
                 stripe_distance=self.rig.stripe_distance,
             )
-            panoramas[name] = Panorama(view.image.copy(), geometry)
+            panoramas[name] = Panorama(image, geometry)
         return panoramas
+
+    def _order(self) -> npt.NDArray[np.int64]:
+        """Columns in the order in which the arm came to them, beginning behind the first frame."""
+        rig = self.rig
+        first = rig.columns / 2 - (self._first_azimuth - self._reference) / rig.column_step
+        ahead = np.arange(rig.columns) - (rig.stripe_columns - 1) // 2
+        return np.asarray((round(first) - self.direction * ahead) % rig.columns)
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return all that frames have left here, for :meth:`restored`."""

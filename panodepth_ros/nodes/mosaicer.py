@@ -17,6 +17,7 @@ from panodepth_ros.mosaic.clock import DelayCheck
 from panodepth_ros.mosaic.continuity import doubt
 from panodepth_ros.mosaic.sweep import REACH_BEYOND, panorama_names
 from panodepth_ros.nodes.arm_watch import Absence, ArmWatch
+from panodepth_ros.nodes.closing import ClosureCheck
 from panodepth_ros.nodes.keeping import SweepKeeper
 from panodepth_ros.nodes.leading import Leader, SpinLeader, StepLeader
 from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
@@ -72,6 +73,7 @@ class Mosaicer(Node):
         self._arm_watch = ArmWatch(self, self._settings.joint_state_gap)
         self._absence: Absence | None = None
         self._leader = self._make_leader()
+        self._closure = ClosureCheck(self)
         self._robot = RobotWatch(
             self, self._assembler, self._settings, lambda: self._publish([]), self._give_up
         )
@@ -337,6 +339,7 @@ class Mosaicer(Node):
             'sweep_columns': self._assembler.rig.sweep_columns,
             'last_end': self._last_end,
             'robot': self._robot.state,
+            'closure': self._closure.told,
         }
         values |= {f'dropped, {why}': count for why, count in self._assembler.drops.items()}
         return Report(level, text, values)
@@ -364,13 +367,17 @@ class Mosaicer(Node):
 
     def _publish(self, sweeps: list[Sweep]) -> None:
         for sweep in self._robot.passed(sweeps, self._leading):
+            refusal = self._closure.refusal(sweep, self._settings)
+            if refusal:
+                self._give_up(refusal)
+                continue
             if not self._settings.free_running:
                 self._stop_leading()
             self._publish_progress(1.0)
             self._publish_panoramas(sweep)
 
     def _publish_panoramas(self, sweep: Sweep) -> None:
-        panoramas = sweep.panoramas()
+        panoramas = sweep.panoramas(lost=self._closure.lost)
         self._check_delay(panoramas['center'], sweep.velocity, sweep.end or 0)
         header = Header(stamp=to_stamp(sweep.end or 0), frame_id=self._settings.frame_id)
         self._last_panoramas = []

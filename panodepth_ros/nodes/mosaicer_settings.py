@@ -163,6 +163,20 @@ class MosaicerParameters(StillParameters):
         'Where a led sweep is kept, so that a killed mosaicer goes on with it; best in memory, as '
         'under /dev/shm; empty for nowhere',
     )
+    closure: str = parameter(
+        'off',
+        'What happens to a full turn whose last frame does not fit the first: off, it is not '
+        'looked at; refuse, it is not published; correct, an angle that the arm lost is spread '
+        'over the turn and all else refused',
+        choices=('off', 'refuse', 'correct'),
+    )
+    closure_tolerance_deg: float = parameter(
+        0.07,
+        'Lost angle, and mismatch of the first and the last frame, that are none',
+        unit='°',
+        bounds=(0.001, 10.0),
+        live=True,
+    )
 
     def __post_init__(self) -> None:
         turn = columns_per_turn(self.column_step_deg)
@@ -204,6 +218,7 @@ class MosaicerParameters(StillParameters):
             further_offsets=self.further_offsets_px,
             stripe_columns=self.stripe_columns,
             stripe_distance=self.stripe_distance if self.stripe_columns > 1 else math.inf,
+            closes=self.closure != 'off',
         )
 
     def builder(self) -> SweepBuilder[Any]:

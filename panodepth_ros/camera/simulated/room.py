@@ -85,7 +85,11 @@ class Room:
         self._light = self._lit(lamps, ambient)
 
     def render(
-        self, arm_azimuth: float, camera: RoomCamera, arm_radius: float
+        self,
+        arm_azimuth: float,
+        camera: RoomCamera,
+        arm_radius: float,
+        robot: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> npt.NDArray[np.uint8]:
         """
         What the camera on the arm sees, without noise.
@@ -98,6 +102,8 @@ class Room:
             The lens.
         arm_radius : float
             Axis to optical centre [m].
+        robot : (float, float, float)
+            Where the axis stands, x and y [m], and how the robot is turned [rad].
 
         Returns
         -------
@@ -105,13 +111,15 @@ class Room:
             Blue, green, red.
         """
         image = np.empty((camera.height, camera.width, 3), np.uint8)
-        x, y = arm_radius * math.cos(arm_azimuth), arm_radius * math.sin(arm_azimuth)
+        azimuth = arm_azimuth + robot[2]
+        x = robot[0] + arm_radius * math.cos(azimuth)
+        y = robot[1] + arm_radius * math.sin(azimuth)
         raytracer.render(
             self._geometry,
             self._surfaces,
             self._textures,
             self._light,
-            (x, y, 0.0, float(arm_azimuth)),
+            (x, y, 0.0, float(azimuth)),
             (float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)),
             image,
         )
