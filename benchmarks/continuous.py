@@ -29,6 +29,8 @@ from panodepth_ros.mosaic.clock import DelayEstimate, estimate_delay
 
 #: Joint states per second, and how far the arm goes beyond a turn [rad].
 JOINT_RATE, BEYOND = 50.0, 0.05
+#: A rolling shutter's rows are rendered in so many groups, each exposed at once.
+ROW_GROUPS = 120
 #: Eyes this far from the centre, as a share of the width, leave room for the widest stripes.
 OFFSET_SHARE = 66 / 160
 #: Stripes join at this distance [m], and are this much wider than the way between two frames.
@@ -81,11 +83,11 @@ def exposed(
     """Frame whose middle row is exposed at a moment, without noise."""
     if not case.shutter:
         return look(room, lens, velocity * moment, seen)
-    rows = []
-    for v in range(lens.height):
-        row = dataclasses.replace(lens, height=1, cy=lens.cy - v)
-        late = (v - 0.5 * (lens.height - 1)) * case.shutter / lens.height
-        rows.append(look(room, row, velocity * (moment + late), seen))
+    rows, together = [], max(1, lens.height // ROW_GROUPS)
+    for v in range(0, lens.height, together):
+        some = dataclasses.replace(lens, height=together, cy=lens.cy - v)
+        late = (v - 0.5 * (lens.height - together)) * case.shutter / lens.height
+        rows.append(look(room, some, velocity * (moment + late), seen))
     return np.concatenate(rows)
 
 

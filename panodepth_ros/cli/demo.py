@@ -21,13 +21,14 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.signals import SignalHandlerOptions
-from sensor_msgs.msg import CameraInfo, Image, LaserScan
+from sensor_msgs.msg import CameraInfo, Image, JointState, LaserScan
 from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
-from panodepth_ros.cli.demo_report import report
+from panodepth_ros.cli.demo_report import film, report
 from panodepth_ros.cli.domain import claimed_domain
 from panodepth_ros.cli.processes import ProcessError, Processes
+from panodepth_ros.ros.messages import JointReading, joint_reading
 
 #: Topics that make the bag of the run.
 TOPICS = (
@@ -107,6 +108,8 @@ def run(arguments: argparse.Namespace) -> int:
             room_seed=sweep.parameters['room_seed'],
             band=(sweep.parameters['min_height'], sweep.parameters['max_height']),
         )
+        if arguments.mode == 'spin':
+            film(sweep.results, sweep.arm, output, room_seed=sweep.parameters['room_seed'])
     except ProcessError as error:
         print(f'\npanodepth_ros demo: {error}', file=sys.stderr)
         return 1
@@ -192,11 +195,14 @@ class _Sweep:
         The last message of each topic of a result.
     parameters : dict
         What the report needs to know of the nodes' parameters.
+    arm : list of JointReading
+        Where the arm was.
     """
 
     def __init__(self, processes: Processes) -> None:
         self.results: dict[str, Any] = {}
         self.parameters: dict[str, Any] = {}
+        self.arm: list[JointReading] = []
         self._processes = processes
         self._node: Node = rclpy.create_node('demo')
         self._progress = 0.0
@@ -205,6 +211,12 @@ class _Sweep:
                 kind, topic, lambda message, topic=topic: self.results.update({topic: message}), 10
             )
         self._node.create_subscription(Float32, 'mosaicer/progress', self._on_progress, 100)
+        self._node.create_subscription(JointState, 'joint_states', self._on_joint_state, 100)
+
+    def _on_joint_state(self, message: JointState) -> None:
+        reading = joint_reading(message, self.parameters.get('joint_name', ''))
+        if reading is not None:
+            self.arm.append(reading)
 
     def _on_progress(self, message: Float32) -> None:
         self._progress = message.data
@@ -220,11 +232,12 @@ class _Sweep:
         """
         print('starting the nodes; the first time they compile, for half a minute', flush=True)
         # The recorder listens to all of these, this node to the results, the graph to the rest.
-        listeners = {'image_raw': 2, 'joint_states': 2, 'left/image': 3, 'scan': 2}
+        listeners = {'image_raw': 2, 'joint_states': 3, 'left/image': 3, 'scan': 2}
         self._until(
             lambda: all(self._node.count_subscribers(name) >= n for name, n in listeners.items()),
             'the graph',
         )
+        self._ask_parameters('arm_driver', ['joint_name'])
         self._ask_parameters('camera', ['room_seed'])
         self._ask_parameters('depth', ['min_height', 'max_height'])
         self._start()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +27,10 @@ from panodepth_ros.camera.simulated import (
     truth_panorama,
 )
 from panodepth_ros.export import pictures as plots
+from panodepth_ros.export.film import save_film
 from panodepth_ros.geometry import PanoramaGeometry
 from panodepth_ros.ros.images import to_array
-from panodepth_ros.ros.messages import panorama_geometry
+from panodepth_ros.ros.messages import JointReading, panorama_geometry, to_nanoseconds
 
 #: Upper end of the depth picture's colour scale [m].
 _FARTHEST_SHOWN = 5.0
@@ -93,6 +95,28 @@ def report(
     _print_accuracy(depth_score, scan_score)
     names = 'left.png, right.png, depth.png, confidence.png, ground_plan.png, scan.json and bag'
     print(f'wrote {names} to {output}', flush=True)
+
+
+def film(
+    results: dict[str, Any], arm: Sequence[JointReading], output: Path, *, room_seed: int
+) -> None:
+    """Write ``ground_plan.gif``; parameters as of :func:`report`, and where the arm was."""
+    left, scan = panorama_geometry(results['left/camera_info']), results['scan']
+    end = to_nanoseconds(results['left/camera_info'].header.stamp)
+    stamps = np.array([reading.stamp - end for reading in arm]) * 1e-9
+    positions = [reading.position for reading in arm]
+    begin_azimuth, end_azimuth = np.interp([-left.sweep_duration, 0.0], stamps, positions)
+    save_film(
+        np.array(scan.ranges, dtype=np.float64),
+        output / 'ground_plan.gif',
+        arm_radius=left.arm_radius,
+        principal_angle=-left.principal_angle,
+        begin=float(begin_azimuth),
+        end=float(end_azimuth),
+        duration=left.sweep_duration,
+        outline=[np.array(segment) for segment in furnished_room(room_seed).outline(0.0)],
+    )
+    print(f'wrote ground_plan.gif to {output}', flush=True)
 
 
 def _truth(room: Room, geometry: PanoramaGeometry) -> TruthPanorama:

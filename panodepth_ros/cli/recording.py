@@ -45,6 +45,8 @@ class Recording:
         Messages of each topic in the bag.
     about : dict
         What the demo wrote into ``scan.json``; empty for a bag.
+    film : bytes
+        The GIF that the demo made of a steady turn; empty if there is none.
     warnings, log : list of str
         Lines of the nodes' logs; ``warnings`` those of level warning and above.
     """
@@ -58,6 +60,7 @@ class Recording:
     matching_time: float
     counts: dict[str, int]
     about: dict[str, Any]
+    film: bytes
     warnings: list[str]
     log: list[str]
 
@@ -79,7 +82,7 @@ def load(path: Path) -> Recording:
     received = {topic: time for topic, (time, _) in sweep.items()}
     log = _rosout(bag) if '/rosout' in counts else []
     warnings = log.copy()
-    about = path / 'scan.json'
+    about, film = path / 'scan.json', path / 'ground_plan.gif'
     if bag != path:
         for file in sorted((path / 'log').glob('*.log')):
             lines = file.read_text(errors='replace').splitlines()
@@ -97,6 +100,7 @@ def load(path: Path) -> Recording:
             matching_time=(received['scan'] - panoramas) / 1e9,
             counts=counts,
             about=json.loads(about.read_text()) if bag != path and about.is_file() else {},
+            film=film.read_bytes() if bag != path and film.is_file() else b'',
             warnings=warnings,
             log=log,
         )

@@ -84,6 +84,7 @@ def html(recording: Recording, *, name: str, band: tuple[float, float] | None = 
         plan=_plot(_plan(ranges, recording)),
         plan_note=f'{np.isfinite(ranges).sum()} of {ranges.size} beams; surfaces from '
         f'{low:+.2f} to {high:+.2f} m of the camera’s height',
+        film=_film(recording.film),
         cloud=_plot(cloud),
         cloud_note=f'{shown} of {known.sum()} points, without the farthest; drag to turn, '
         'pinch or wheel to zoom',
@@ -160,6 +161,13 @@ def _palette(colours: int) -> Picture:
 def _gradient(palette: Picture) -> str:
     stops = ','.join(f'rgb({r},{g},{b})' for b, g, r in palette[::15])
     return f'<span class="bar" style="background:linear-gradient(90deg,{stops})"></span>'
+
+
+def _film(gif: bytes) -> str:
+    if not gif:
+        return ''
+    url = f'data:image/gif;base64,{base64.b64encode(gif).decode()}'
+    return f'<p>As the arm turned:</p><img class="film" src="{url}" alt="ground plan that grows">'
 
 
 def _strips(recording: Recording, fed: Picture, farthest: float) -> str:

@@ -156,6 +156,9 @@ def test_demo_of_a_turning_arm_takes_ten_seconds_a_turn(tmp_path):
     assert 9.0 < scan['scan_time'] < 11.0
     assert scan['accuracy']['scan']['coverage'] > 0.9
     assert scan['accuracy']['scan']['within_5_percent'] > 0.8
+    film = (output / 'ground_plan.gif').read_bytes()
+    assert film.startswith(b'GIF89a')
+    assert len(film) < 2**20
 
 
 def test_demo_without_a_parameter_file_says_so(tmp_path):
