@@ -1,4 +1,4 @@
-# make demo, make test, make lint, make fuzz: each installs what it needs into .venv/<distro> first.
+# make demo, make test, make lint, make fuzz, make faults: each installs what it needs into .venv/<distro> first.
 
 PYTHON ?= python3
 DISTRO ?= jazzy
@@ -9,7 +9,7 @@ MODE ?= step
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test lint fuzz clean
+.PHONY: demo test lint fuzz faults clean
 
 demo: $(INSTALLED)
 	@$(BIN)/panodepth_ros demo --mode $(MODE) --output $(OUTPUT)
@@ -24,6 +24,9 @@ lint: $(INSTALLED)
 
 fuzz: $(INSTALLED)
 	@$(BIN)/python -m benchmarks.fuzz
+
+faults: $(INSTALLED)
+	@$(BIN)/python -m benchmarks.faults --output docs/reliability.md
 
 $(INSTALLED): setup.py pyproject.toml requirements/$(DISTRO).txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null || { \

@@ -29,9 +29,11 @@ class FaultyController(SimulatedController):
         self._move([Piece(now, here + azimuth)])
         self._motion_end = math.inf
 
-    def put_right(self, now: float) -> None:
-        """Turn the arm to where the controller's count says that it stands."""
-        self.displace(-math.remainder(self._zero, 2 * math.pi), now)
+    def put_right(self, now: float) -> float:
+        """Turn the arm to where the controller's count says that it stands; return how far."""
+        off = -math.remainder(self._zero, 2 * math.pi)
+        self.displace(off, now)
+        return off
 
 
 class FaultyArm(SimulatedArm):

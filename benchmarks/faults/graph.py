@@ -13,10 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, Image, LaserScan
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, Image, JointState, LaserScan
 from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
@@ -24,7 +27,7 @@ from benchmarks.faults.arm import MAX_RATE, FaultyArm
 from panodepth_ros.ros import qos
 
 #: The rig: few columns and small frames, so that a sweep takes seconds.
-STEP_DEG, COLUMNS, WIDTH, HEIGHT, FOV_DEG = 4.0, 90, 64, 48, 70.0
+STEP_DEG, COLUMNS, WIDTH, HEIGHT, FOV_DEG = 5.0, 72, 64, 48, 70.0
 ARM_RADIUS, COLUMN_OFFSET, BEAMS = 0.5, 28.0, 90
 NODES = ('arm_driver', 'camera', 'mosaicer', 'depth')
 #: Time after which a node that died is started again, as by the launch file [s].
@@ -32,6 +35,33 @@ RESPAWN_DELAY = 1.0
 _ROOT = Path(__file__).resolve().parents[2]
 _PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 
+#: Parameters of the nodes.
+OWN: dict[str, dict[str, object]] = {
+    'arm_driver': {
+        'step_deg': STEP_DEG,
+        'speed_deg_s': MAX_RATE,
+        'settle_time': 0.0,
+        'status_rate': 30.0,
+        'response_timeout': 0.5,
+    },
+    'camera': {
+        'source': 'simulated',
+        'simulated_arm_radius': ARM_RADIUS,
+        'simulated_fov_deg': FOV_DEG,
+        'image_width': WIDTH,
+        'image_height': HEIGHT,
+        'framerate': 30.0,
+    },
+    'mosaicer': {
+        'arm_radius': ARM_RADIUS,
+        'column_offset_px': COLUMN_OFFSET,
+        'column_step_deg': STEP_DEG,
+        'frame_timeout': 1.0,
+    },
+    'depth': {'beams': BEAMS, 'threads': 1, 'range_min': ARM_RADIUS, 'min_support': 2.0},
+}
+#: Defaults that are set back.
+DEFAULTS = {'sweep_deg': 360.0}
 _RESULTS = {
     'left/image': Image,
     'left/camera_info': CameraInfo,
@@ -61,6 +91,7 @@ class Graph:
     def __init__(self, folder: Path, domain: int, seed: int = 0) -> None:
         self.folder = folder
         self.link = folder / 'arm'
+        self._parent = os.getppid()
         self.arm = FaultyArm(self.link)
         self.room_seed = seed
         self.results: dict[int, dict[str, Any]] = {}
@@ -93,8 +124,13 @@ class Graph:
         )
         self._clients = {
             name: self.node.create_client(Trigger, name)
-            for name in ('mosaicer/start', 'mosaicer/cancel', 'arm_driver/home')
+            for name in ('mosaicer/start', 'mosaicer/cancel', 'arm_driver/stop', 'arm_driver/home')
         }
+        self._parameter_client = self.node.create_client(SetParameters, 'mosaicer/set_parameters')
+        self._changed: dict[tuple[str, str], Parameter[Any]] = {}
+        self._odometry = self.node.create_publisher(Odometry, 'odom', 10)
+        self._joint_states = 0
+        self.node.create_subscription(JointState, 'joint_states', self._on_joint_state, 10)
         for name in NODES:
             self.start(name)
 
@@ -102,35 +138,14 @@ class Graph:
 
     def start(self, name: str) -> None:
         """Start a node."""
-        own: dict[str, dict[str, object]] = {
-            'arm_driver': {
-                'port': self.link,
-                'step_deg': STEP_DEG,
-                'speed_deg_s': MAX_RATE,
-                'settle_time': 0.0,
-                'status_rate': 20.0,
-                'response_timeout': 0.5,
-            },
-            'camera': {
-                'source': 'simulated',
-                'simulated_arm_truth': f'{self.link}.truth',
-                'simulated_arm_radius': ARM_RADIUS,
-                'simulated_fov_deg': FOV_DEG,
-                'image_width': WIDTH,
-                'image_height': HEIGHT,
-                'framerate': 40.0,
-                'room_seed': self.room_seed,
-            },
-            'mosaicer': {
-                'arm_radius': ARM_RADIUS,
-                'column_offset_px': COLUMN_OFFSET,
-                'column_step_deg': STEP_DEG,
-                'frame_timeout': 1.0,
-                'state_file': self.folder / 'sweep.npz',
-            },
-            'depth': {'beams': BEAMS, 'threads': 1, 'range_min': ARM_RADIUS, 'min_support': 2.0},
-        }
-        words = [word for item in own[name].items() for word in ('-p', '{}:={}'.format(*item))]
+        own = dict(OWN[name])
+        if name == 'arm_driver':
+            own['port'] = self.link
+        elif name == 'camera':
+            own |= {'simulated_arm_truth': f'{self.link}.truth', 'room_seed': self.room_seed}
+        elif name == 'mosaicer':
+            own['state_file'] = self.folder / 'sweep.npz'
+        words = [word for item in own.items() for word in ('-p', '{}:={}'.format(*item))]
         if name == 'camera':
             for topic in ('image_raw', 'camera_info'):
                 words += ['-r', f'{topic}:=source/{topic}']
@@ -160,6 +175,8 @@ class Graph:
 
     def spin(self, seconds: float = 0.02) -> None:
         """Let messages pass for a moment, and start again what has died."""
+        if os.getppid() != self._parent:
+            raise SystemExit('the campaign has ended')
         self._executor.spin_once(timeout_sec=seconds)
         for name, process in self._processes.items():
             if process.poll() is None:
@@ -217,6 +234,9 @@ class Graph:
             qos.IMAGES,
         )
 
+    def _on_joint_state(self, _: JointState) -> None:
+        self._joint_states += 1
+
     def _on_result(self, topic: str, message: Any) -> None:
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         self.results.setdefault(stamp, {})[topic] = message
@@ -231,6 +251,40 @@ class Graph:
             return Trigger.Response(message=f'{service} does not answer')
         response: Trigger.Response = future.result()
         return response
+
+    def set_parameter(self, node: str, parameter: Parameter[Any]) -> None:
+        """Set a live parameter of a node until :meth:`restore_parameters`."""
+        if self._set_parameter(node, parameter):
+            old = OWN[node].get(parameter.name, DEFAULTS.get(parameter.name))
+            self._changed[node, parameter.name] = Parameter(parameter.name, value=old)
+
+    def restore_parameters(self) -> None:
+        """Set back what was set."""
+        for (node, _), parameter in self._changed.items():
+            self._set_parameter(node, parameter)
+        self._changed.clear()
+
+    def _set_parameter(self, node: str, parameter: Parameter[Any]) -> bool:
+        client = self._parameter_client
+        request = SetParameters.Request(parameters=[parameter.to_parameter_msg()])
+        if not self.until(client.service_is_ready, 10.0):
+            return False
+        future = client.call_async(request)
+        return self.until(future.done, 10.0)
+
+    def publish_odometry(self, speed: float, turn_rate: float) -> None:
+        """Tell how fast the robot drives [m/s] and turns [rad/s]."""
+        message = Odometry()
+        message.header.stamp = self.node.get_clock().now().to_msg()
+        message.header.frame_id = 'odom'
+        message.pose.pose.orientation.w = 1.0
+        message.twist.twist.linear.x, message.twist.twist.angular.z = speed, turn_rate
+        self._odometry.publish(message)
+
+    def arm_is_ready(self) -> bool:
+        """Whether the arm's driver tells a certain position."""
+        heard = self._joint_states
+        return self.until(lambda: self._joint_states > heard, 3.0)
 
     # --- sweeps -------------------------------------------------------------------------------
 

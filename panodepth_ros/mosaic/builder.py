@@ -15,6 +15,8 @@ from panodepth_ros.mosaic.sweep import Rig, Sweep
 
 #: Frames that may wait for joint states.
 MOST_PENDING = 200
+#: So many frames that are older than the newest, but in order, tell that their clock was set back.
+LATE_IN_A_ROW = 5
 
 
 class Track(Protocol):
@@ -75,6 +77,7 @@ class SweepBuilder(ABC, Generic[AnyTrack]):
         self.camera: PinholeCamera | None = None
         self._pending: deque[tuple[int, npt.NDArray[np.uint8]]] = deque()
         self._newest_frame: int | None = None
+        self._late, self._late_stamp = 0, 0
         self._not_before = 0
         self.taken: Callable[[npt.NDArray[np.uint8], float], None] = lambda *_: None
 
@@ -148,13 +151,22 @@ class SweepBuilder(ABC, Generic[AnyTrack]):
         """
         if self._newest_frame is not None and stamp <= self._newest_frame:
             self.drops['frame out of order or twice'] += 1
-            return []
+            if not self._clock_was_set_back(stamp):
+                return []
+            self._pending.clear()
+        self._late = 0
         self._newest_frame = stamp
         self._pending.append((stamp, image))
         if len(self._pending) > MOST_PENDING:
             self._pending.popleft()
             self.drops['frame: no joint state or camera_info came'] += 1
         return self._place_pending()
+
+    def _clock_was_set_back(self, stamp: int) -> bool:
+        """Whether enough late frames have come in order among themselves."""
+        self._late = self._late + 1 if self._late and stamp > self._late_stamp else 1
+        self._late_stamp = stamp
+        return self._late >= LATE_IN_A_ROW
 
     def _place_pending(self) -> list[Sweep]:
         finished = []

@@ -195,8 +195,8 @@ class ArmDriver(Node):
     def _unwind(self, arm: Arm, _: Callable[[str], None]) -> str:
         here = arm.measure().azimuth
         target = self._cable(arm).unwound(here, self._settings.step)
+        self._grid.lose()  # a sweep begins where the arm stands, also after a step that failed
         if target != here:
-            self._grid.lose()
             here = arm.move_to(target).azimuth
         return f'the arm stands at {math.degrees(here):.3f}°'
 
