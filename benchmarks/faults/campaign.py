@@ -22,7 +22,6 @@ HANG = 30.0
 #: Time that a graph gets to start [s]; the first one compiles the matching.
 START = 120.0
 #: An arm this far off from its count has to be put right [rad].
-KEEP = Path('/tmp/res')
 _TURNED = math.radians(0.1)
 
 
@@ -85,6 +84,7 @@ class Campaign:
             outcome.ended, outcome.said = 'hang', graph.log('mosaicer')[-300:]
             graph.call('mosaicer/cancel')
         outcome.took = time.monotonic() - began
+        graph.wait(0.1)  # the log comes after the message
         if graph.given_up and outcome.ended != 'hang':
             outcome.ended = 'given up'
             outcome.said = (re.findall(r'sweep given up.*?: (.*)', graph.log('mosaicer')) or [''])[
@@ -140,10 +140,6 @@ def run_graph(number: int, names: Sequence[str], seed: int, end: float) -> list[
                     break
                 outcome = campaign.inject(faults[name], rng)
                 outcomes.append(outcome)
-                if KEEP:
-                    (KEEP / f'{number}.log').write_text(
-                        graph.log('arm_driver') + graph.log('mosaicer')
-                    )
                 print(
                     f'{number}: {name} at {outcome.moment:.0%}: {outcome.ended}, '
                     f'{outcome.lost} lost, {outcome.wrong} wrong, {outcome.took:.1f} s'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from contextlib import suppress
@@ -44,6 +45,8 @@ from panodepth_ros.ros.process import run_node
 _FIRST_BACKOFF, _LONGEST_BACKOFF = 0.5, 10.0
 #: A source slower than this share of its framerate is worth a warning.
 _SLOW = 0.9
+#: Two clocks that are read within this time are read at once [s]; how often that is tried.
+_ONE_MOMENT, _CLOCK_READINGS = 2e-4, 20
 #: How long the last frames of a file may take to reach their subscribers [s].
 _DELIVERY_TIMEOUT = 2.0
 
@@ -265,8 +268,9 @@ class CameraNode(Node):
 
     def _publish(self, frame: Frame) -> None:
         # The exposure's age is the same on both clocks.
-        age = round((time.monotonic() - frame.stamp) * 1e9)
-        stamp = Time(nanoseconds=max(self.get_clock().now().nanoseconds - age, 0)).to_msg()
+        monotonic, now = self._both_clocks()
+        age = round((monotonic - frame.stamp) * 1e9)
+        stamp = Time(nanoseconds=max(now - age, 0)).to_msg()
         frame_id = self._settings.frame_id
         encoding = 'mono8' if frame.image.ndim == 2 else 'bgr8'
         image = to_message(frame.image, encoding, stamp=stamp, frame_id=frame_id)
@@ -276,6 +280,18 @@ class CameraNode(Node):
         self._image_publisher.publish(image)
         self._info_publisher.publish(info)
         self._frames += 1
+
+    def _both_clocks(self) -> tuple[float, int]:
+        """Read ``time.monotonic()`` [s] and the node's clock [ns] in one moment, undisturbed."""
+        best = math.inf, 0.0, 0
+        for _ in range(_CLOCK_READINGS):
+            before = time.monotonic()
+            now = self.get_clock().now().nanoseconds
+            after = time.monotonic()
+            best = min(best, (after - before, 0.5 * (before + after), now))
+            if best[0] < _ONE_MOMENT:
+                break
+        return best[1:]
 
     # --- executor's thread --------------------------------------------------------------------
 
