@@ -173,6 +173,22 @@ def test_frame_of_another_size_gives_way_to_the_next():
     assert built.drops['frame is 21 × 8 px; allowed: 21 × 7, as the camera_info says'] == 1
 
 
+def test_clock_that_is_set_back_does_not_stop_the_sweep():
+    built = assembler()
+    built.add_frame(10**15, image(255))  # of a clock that was far ahead
+    (sweep,) = play(built, recording(COLUMNS + 2))
+    assert 255 not in sweep.panoramas()['left'].image[0]
+    assert sweep.complete
+
+
+def test_single_late_frames_set_no_clock_back():
+    built = assembler()
+    for k in range(20):
+        built.add_frame(1000 + k, image(0))
+        built.add_frame(500 + k, image(1))
+    assert built.drops['frame out of order or twice'] == 20
+
+
 def test_frames_without_joint_states_do_not_pile_up():
     built = assembler()
     for k in range(1000):

@@ -27,7 +27,7 @@ WAYS = {
     'arm_driver': [{}],
     'camera': [{}],
     'mosaicer': [
-        {'further_offsets_px': [20.0]},
+        {'further_offsets_px': [20.0], 'partial_deg': 30.0},
         {'motion': 'continuous', 'image_transport': 'compressed'},
     ],
     'depth': [{'further_pairs': 1, 'use_center': True, 'method': 'sgbm'}],
