@@ -36,6 +36,10 @@ PIXEL_FORMATS = {
 _SLICE, _PAUSE = 0.2, 0.002
 #: How long to look for a frame that is there already [s].
 _GLANCE = 1e-6
+#: OpenCV 4.6 cannot wait for a while from Python: its reads block, by its own time limit.
+_CAN_WAIT = hasattr(cv2.VideoCapture, 'waitAny')
+#: A read that is done within this found its frame there [s].
+_AT_ONCE = 1e-3
 #: Which clock buffer times are of shows the first one that is younger than this by it [s].
 _OLDEST_STAMP = 2.0
 
@@ -159,30 +163,42 @@ class V4l2Source:
                 return frame
 
     def _next(self) -> Frame | None:
-        deadline = time.monotonic() + self._frame_timeout
         if self._stop.is_set():
             raise SourceClosedError(f'video device {self.name} was closed')
-        waiting = ready = self._ready(_GLANCE)
-        while not ready:
+        waited = self._wait() if _CAN_WAIT else self._grab()
+        read, image = self._capture.read() if _CAN_WAIT else self._capture.retrieve()
+        now = time.monotonic()
+        if not read or image is None:
+            raise SourceLostError(f'video device {self.name} stopped delivering frames')
+        stamp = self._clock.stamp(self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0)
+        if stamp is None and not waited:
+            self.skipped += 1
+            return None
+        return Frame(to_grey(image) if self._grey else image, now if stamp is None else stamp)
+
+    def _grab(self) -> bool:
+        """Block until there is a frame; return whether it had to be waited for."""
+        begin = time.monotonic()
+        if not self._capture.grab():
+            raise SourceLostError(f'video device {self.name} stopped delivering frames')
+        return time.monotonic() - begin > _AT_ONCE
+
+    def _wait(self) -> bool:
+        """Wait for a frame, that reading will not block; return whether that took a while."""
+        deadline = time.monotonic() + self._frame_timeout
+        if self._ready(_GLANCE):
+            return False
+        while not self._ready(_SLICE):
             if self._stop.wait(_PAUSE):
                 raise SourceClosedError(f'video device {self.name} was closed')
             if time.monotonic() > deadline:
                 raise SourceLostError(
                     f'video device {self.name} gave no frame for {self._frame_timeout:g} s'
                 )
-            ready = self._ready(_SLICE)
-        read, image = self._capture.read()
-        now = time.monotonic()
-        if not read or image is None:
-            raise SourceLostError(f'video device {self.name} stopped delivering frames')
-        stamp = self._clock.stamp(self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0)
-        if stamp is None and waiting:
-            self.skipped += 1
-            return None
-        return Frame(to_grey(image) if self._grey else image, now if stamp is None else stamp)
+        return True
 
     def _ready(self, seconds: float) -> bool:
-        """Wait a little for a frame, so that reading will not block."""
+        """Wait a little for a frame."""
         try:
             _, ready = cv2.VideoCapture.waitAny([self._capture], round(seconds * 1e9))
         except cv2.error as error:
