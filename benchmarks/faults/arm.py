@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from panodepth_ros.arm.motion import state_at
 from panodepth_ros.arm.simulated import SimulatedController
 from panodepth_ros.arm.simulated_settings import default_settings
 from panodepth_ros.arm.terminal import SimulatedArm
-from panodepth_ros.arm.truth import Piece
 
 #: Quick, so that the campaign is about faults: [°/s], [°/s²], [s].
 MAX_RATE, ACCELERATION, BOOT_TIME = 180.0, 20000.0, 0.2
@@ -22,17 +21,17 @@ MAX_RATE, ACCELERATION, BOOT_TIME = 180.0, 20000.0, 0.2
 class FaultyController(SimulatedController):
     """A controller whose motor may lose steps, and whose arm a person may put in its place."""
 
-    def displace(self, azimuth: float, now: float) -> None:
-        """Turn the standing arm by an angle [rad] that the controller does not count."""
-        here = state_at(self._pieces, now)[0]
+    def displace(self, azimuth: float) -> None:
+        """Turn the arm, standing or not, by an angle [rad] that the controller does not count."""
         self._zero += azimuth
-        self._move([Piece(now, here + azimuth)])
-        self._motion_end = math.inf
+        self._blocks = deque((end + azimuth, speed) for end, speed in self._blocks)
+        self._pieces = [p._replace(azimuth=p.azimuth + azimuth) for p in self._pieces]
+        self._publish(self._pieces)
 
-    def put_right(self, now: float) -> float:
+    def put_right(self) -> float:
         """Turn the arm to where the controller's count says that it stands; return how far."""
         off = -math.remainder(self._zero, 2 * math.pi)
-        self.displace(off, now)
+        self.displace(off)
         return off
 
 

@@ -121,7 +121,7 @@ class Campaign:
         if not ready:
             graph.until(lambda: graph.call('arm_driver/home').success, HANG)
         turned: list[float] = []
-        graph.arm.do(lambda controller, now: turned.append(controller.put_right(now)))
+        graph.arm.do(lambda controller, _: turned.append(controller.put_right()))
         return not ready or abs(turned[0]) > _TURNED
 
 

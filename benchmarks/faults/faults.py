@@ -70,7 +70,7 @@ def _reboot(graph: Graph, _: np.random.Generator) -> None:
 
 def _lose_steps(graph: Graph, rng: np.random.Generator) -> None:
     lost = math.radians(STEP_DEG * float(rng.uniform(1.0, 5.0)) * float(rng.choice([-1, 1])))
-    graph.arm.do(lambda controller, now: controller.displace(lost, now))
+    graph.arm.do(lambda controller, _: controller.displace(lost))
 
 
 def _move_robot(graph: Graph, rng: np.random.Generator) -> None:

@@ -57,6 +57,7 @@ OWN: dict[str, dict[str, object]] = {
         'column_offset_px': COLUMN_OFFSET,
         'column_step_deg': STEP_DEG,
         'frame_timeout': 1.0,
+        'closure': 'refuse',
     },
     'depth': {'beams': BEAMS, 'threads': 1, 'range_min': ARM_RADIUS, 'min_support': 2.0},
 }
@@ -309,7 +310,7 @@ class Graph:
     @property
     def given_up(self) -> bool:
         """Whether the sweep was given up for good."""
-        return bool(self.progress) and math.isnan(self.progress[-1])
+        return any(map(math.isnan, self.progress))
 
     @property
     def scans(self) -> list[dict[str, Any]]:
