@@ -33,6 +33,9 @@ WAYS = {
     'depth': [{'further_pairs': 1, 'use_center': True, 'method': 'sgbm'}],
 }
 
+#: What a camera has of a V4L2 device only, as test_camera_v4l2 shows.
+OF_DEVICES = {('camera', 'services', 'reply'): {'/camera/settle'}}
+
 
 def granted():
     """What the policy allows, (node, kind, rule) to patterns of full names."""
@@ -80,6 +83,8 @@ def used(ros, tmp_path):
                         found.setdefault((name, kind, rule), set()).update(names)
                 finally:
                     node.destroy_node()
+        for key, names in OF_DEVICES.items():
+            found[key] |= names
         yield found
     finally:
         server.unplug()
