@@ -88,8 +88,9 @@ class DepthParameters(StillParameters):
         live=True,
     )
     min_support: float = parameter(
-        10.0,
-        'Sum of the confidences of pixels of one distance that make a surface of a beam',
+        8.0,
+        'Sum of the confidences of pixels of one distance that make a surface of a beam; '
+        'more within 1.2 m',
         bounds=(0.0, 10000.0),
         live=True,
     )

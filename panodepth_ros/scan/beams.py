@@ -13,6 +13,8 @@ from panodepth_ros.geometry import Points
 SURFACE_DEPTH = 0.04
 #: A surface may find its support within this angle to either side of a beam [rad].
 NEIGHBOURHOOD = np.deg2rad(2.0)
+#: Nearer than this a surface needs more support, by the cube of how much nearer it is [m].
+FULL_SUPPORT = 1.2
 #: Resolution at which support is counted, as a share of the distance.
 _DEPTH_STEP = 0.005
 
@@ -33,7 +35,7 @@ class ScanSettings:
     min_confidence : float
         Least confidence of a pixel that counts.
     min_support : float
-        Least sum of confidences that makes a surface.
+        Least sum of confidences that makes a surface at ``FULL_SUPPORT`` and beyond.
     row : int
         Use this single row of the panorama instead of the height band; −1 for the band.
 
@@ -49,7 +51,7 @@ class ScanSettings:
     min_height: float = -0.15
     max_height: float = 0.15
     min_confidence: float = 0.3
-    min_support: float = 10.0
+    min_support: float = 8.0
     row: int = -1
 
     def __post_init__(self) -> None:
@@ -104,9 +106,11 @@ def laser_ranges(
     A surface is a group of pixels whose distances lie within :data:`SURFACE_DEPTH` of the nearest
     of them and whose confidences sum up to ``min_support``. It needs one pixel in the beam
     itself; the others may be in beams within :data:`NEIGHBOURHOOD`: an edge that is a pixel high
-    but a hand wide has support, a pole has it from its own rows, a speckle has none. The range
-    is the median distance of the nearest surface's pixels in the beam. A single row needs no
-    support.
+    but a hand wide has support, a pole has it from its own rows, a speckle has none. Nearer than
+    :data:`FULL_SUPPORT` the support must be larger by the cube of that over the distance: a thing
+    has more pixels there, by the square, and so has a patch that one eye alone sees and that
+    found a chance partner. The range is the median distance of the nearest surface's pixels in
+    the beam. A single row needs no support.
     """
     distance = points.radial_distance
     if confidence.shape != distance.shape:
@@ -182,6 +186,8 @@ def _nearest_surfaces(
         return nearest
     level = (np.log(distance / distance.min()) / _DEPTH_STEP).astype(np.int64)
     levels = int(level.max()) + 1
+    of_level = distance.min() * np.exp(np.arange(levels) * _DEPTH_STEP)
+    needed = support * np.maximum(FULL_SUPPORT / of_level, 1.0) ** 3
     depth = int(np.log1p(SURFACE_DEPTH) / _DEPTH_STEP) + 1
     own = np.zeros((beams, levels + depth), np.float32)
     np.add.at(own, (beam, level), confidence)
@@ -190,7 +196,7 @@ def _nearest_surfaces(
     pooled = _sums(
         np.concatenate([pooled[beams - reach :], pooled, pooled[:reach]]), 2 * reach + 1
     )
-    supported = (pooled >= support) & (own[:, :levels] > 0)
+    supported = (pooled >= needed) & (own[:, :levels] > 0)
     first = np.where(supported.any(axis=1), supported.argmax(axis=1), levels + depth)
     inside = (level >= first[beam]) & (level < first[beam] + depth)
     order = np.lexsort((distance[inside], beam[inside]))

@@ -44,7 +44,7 @@ def test_nearest_surface_of_a_beam_counts():
 
 
 def test_surface_needs_support_at_its_own_distance():
-    speckle = [(1.0, 0.0, 0.0), (1.03, 0.0, 0.0)]
+    speckle = [(1.2, 0.0, 0.0), (1.23, 0.0, 0.0)]
     wall = [(2.0, 0.0, 0.0), (2.02, 0.0, 0.05), (2.04, 0.0, -0.05)]
     assert scan(speckle + wall, min_support=2.5)[180] == pytest.approx(2.02)
     assert np.isnan(scan(speckle, min_support=2.5)[180])
@@ -54,6 +54,14 @@ def test_pixels_support_a_surface_by_their_confidence():
     edge = [(2.0, 0.0, 0.0, 0.6)] * 4
     assert scan(edge, min_support=2.3)[180] == 2.0
     assert np.isnan(scan(edge, min_support=2.5)[180])
+
+
+@pytest.mark.parametrize(('pixels', 'supported'), [(16, True), (15, False)])
+def test_near_surface_needs_more_support(pixels, supported):
+    near = [(0.6, 0.0, 0.0)] * pixels  # half of 1.2 m: eight times the support
+    wall = [(2.0, 0.0, 0.0)] * 2
+    expected = 0.6 if supported else 2.0
+    assert scan(near + wall, min_support=2.0)[180] == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(('away', 'supported'), [(2.0, True), (3.0, False)])
