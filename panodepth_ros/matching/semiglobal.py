@@ -417,7 +417,9 @@ def refine(
         refinement.smooth_columns(estimate, weight, steps, pair.left, start, stop)
 
     def along_rows(start: int, stop: int) -> None:
+        refinement.hold(estimate, steps, pair.first, start, stop)
         refinement.smooth_rows(estimate, weight, steps, pair.left, start, stop, overlap)
+        refinement.hold(estimate, steps, pair.first, start, stop)
 
     _in_bands(pool, evaluate, rows, ROW_BAND)
     _in_bands(pool, along_columns, columns, COLUMN_BAND)
