@@ -54,5 +54,6 @@ def test_driver_that_comes_back_with_another_count_ends_the_sweep(graph):
     graph.kill('arm_driver')
     graph.arm.do(lambda controller, now: controller.power_up(now))
     wait(graph, lambda: graph.given_up, 'the end of the sweep')
-    assert 'heard of again at 0.00°; allowed:' in graph.log('mosaicer')
+    reason = 'heard of again at 0.00°; allowed:'
+    wait(graph, lambda: reason in graph.log('mosaicer'), 'the reason')
     assert graph.scans == []
