@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-pytest_plugins = ['fixtures.ros', 'fixtures.v4l2_device']
+pytest_plugins = ['fixtures.ros', 'fixtures.demo', 'fixtures.v4l2_device']
 
 ROS_IS_HERE = importlib.util.find_spec('rclpy') is not None
 

@@ -1,11 +1,7 @@
 """The whole graph as processes: a turn of the simulated rig, and its replay."""
 
 import json
-import os
-import re
-import shlex
 import signal
-import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -13,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from fixtures.ros import Program, started
+from fixtures.demo import COLUMNS
+from fixtures.ros import started
 from std_srvs.srv import Trigger
 
 from panodepth_ros.bag import read
@@ -24,29 +21,6 @@ pytestmark = [pytest.mark.ros, pytest.mark.launch, pytest.mark.timeout(300)]
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ('/left/image', '/right/image', '/depth/image', '/depth/confidence', '/scan')
 FURTHER = ('/pair_1/left/image', '/pair_1/right/image', '/pair_1/right/camera_info')
-STEP_DEG = 1.5
-COLUMNS = 240
-
-
-@pytest.fixture(scope='module')
-def demo(tmp_path_factory):
-    """Run the demo with coarse columns and a further pair; return folder, file and prints."""
-    directory = tmp_path_factory.mktemp('demo')
-    content = yaml.safe_load((ROOT / 'config' / 'simulated.yaml').read_text())
-    content['/**/arm_driver']['ros__parameters']['step_deg'] = STEP_DEG
-    content['/**/mosaicer']['ros__parameters']['column_step_deg'] = STEP_DEG
-    content['/**/mosaicer']['ros__parameters']['further_offsets_px'] = [40.5]
-    content['/**/depth']['ros__parameters']['beams'] = 120
-    content['/**/depth']['ros__parameters'] |= {'further_pairs': 1, 'use_center': True}
-    parameters = directory / 'coarse.yaml'
-    parameters.write_text(yaml.safe_dump(content))
-    output = directory / 'demo_output'
-    with started(
-        'panodepth_ros', 'demo', '--params-file', str(parameters), '--output', str(output)
-    ) as running:
-        assert running.wait(200) == 0
-        printed = running.output
-    return output, parameters, printed
 
 
 def test_demo_writes_and_prints_what_it_promises(demo):
@@ -110,35 +84,6 @@ def test_replay_gives_the_same_values(ros, demo, tmp_path):
 
 def _stamp(message):
     return message.header.stamp.sec, message.header.stamp.nanosec, message.header.frame_id
-
-
-def test_tutorial_of_replaying_works_as_written(ros, demo, tmp_path, monkeypatch):
-    output, parameters, _ = demo
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv('PATH', f'{Path(sys.executable).parent}{os.pathsep}{os.environ["PATH"]}')
-    (tmp_path / 'demo_output').symlink_to(output)
-    tutorial = (ROOT / 'docs' / 'tutorials' / 'replay_a_bag.md').read_text()
-    commands = re.findall(r'^ *\$ (.*)$', tutorial, re.MULTILINE)
-    assert len(commands) == 4
-    background = []
-    try:
-        for command in commands:
-            words = shlex.split(command.removesuffix(' &'))
-            if words[0] == 'mosaicer':
-                words += ['--params-file', str(parameters)]  # the coarse columns
-            if command.endswith(' &'):
-                log = tmp_path / f'log_{len(background)}'
-                log.mkdir()
-                background.append(Program(words, str(log)))
-            else:
-                with started(*words) as one:
-                    assert one.wait(200) == 0
-        background[1].wait_for_output('beams hold a distance', 100)
-    finally:
-        codes = [program.stop() for program in background]
-    assert codes == [0, 0, 0]
-    scans = [message for topic, _, message in read(tmp_path / 'replayed') if topic == '/scan']
-    assert [len(scan.ranges) for scan in scans] == [360]
 
 
 def test_shared_memory_of_the_shipped_profile_holds_a_sweep():
