@@ -112,7 +112,7 @@ def test_replay_a_bag(terminal, demo, tmp_path):
     for line in lines:
         coarse = ['--params-file', str(parameters)] if line.startswith('mosaicer') else []
         terminal.type(line, *coarse)
-    terminal.jobs['depth'].wait_for_output('beams hold a distance', 100)
+    terminal.jobs['depth'].wait_for_output('beams hold a distance', 200)
     terminal.kill()
     scans = [message for topic, _, message in read(tmp_path / 'replayed') if topic == '/scan']
     assert [len(scan.ranges) for scan in scans] == [360]
@@ -124,7 +124,7 @@ def test_own_arm(terminal, tmp_path):
     assert len(lines) == 6
     for line in lines:
         terminal.type(line)
-    terminal.jobs['depth'].wait_for_output('beams hold a distance', 100)
+    terminal.jobs['depth'].wait_for_output('beams hold a distance', 200)
     terminal.kill()
     points = int(terminal.type(look).split()[-2])
     # 90 columns of 120 pixels, without those at both ends that one eye alone saw.
@@ -158,7 +158,7 @@ def test_nav2(terminal):
     for line in lines:
         terminal.type(line)
     check = terminal.jobs['check_scan']
-    assert check.wait(100) == 0, check.output
+    assert check.wait(200) == 0, check.output
     assert 'PASS' in check.output
     assert 'FAIL' not in check.output
     terminal.kill()
