@@ -26,7 +26,7 @@ ONLY_CHECKED = {
     r'(ls|v4l2-ctl) .*/dev/': 'needs hardware',
     r'.*(video_device|port):=/dev/': 'needs hardware',
     r'rviz2 ': 'no display; test_viewers reads the file',
-    r'ros2 (launch|run|bag|param|service)': 'PyPI has no ros2; test_workspace starts what it does',
+    r'ros2 (launch|run|bag|param|security|service)': 'PyPI has no ros2; test_workspace starts what it does',
     r'(python|\.venv/jazzy/bin/python) -m (pytest|benchmarks|tools)': 'takes minutes',
     r'python tools/parameter_tables.py': 'writes into the documents; test_parameters runs it',
     r'panodepth_ros calibrate': 'takes a minute; test_calibrate runs it on a short sweep',
@@ -212,7 +212,7 @@ def _ros2(words: list[str]) -> str:
         if f"create_service({kind}, f'~/{{name}}'" in source:
             offered += re.findall(r"^ *\('(\w+)', self\._on_", source, re.MULTILINE)
         return '' if service in offered else f'{node} offers no {service} as {kind}'
-    return '' if verb in ('bag', 'param') else f'ros2 {verb} is not known here'
+    return '' if verb in ('bag', 'param', 'security') else f'ros2 {verb} is not known here'
 
 
 def _make(words: list[str]) -> str:
