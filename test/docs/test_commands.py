@@ -26,7 +26,7 @@ ONLY_CHECKED = {
     r'(ls|v4l2-ctl) .*/dev/': 'needs hardware',
     r'.*(video_device|port):=/dev/': 'needs hardware',
     r'rviz2 ': 'no display; test_viewers reads the file',
-    r'ros2 (launch|run|bag|param|security|service)': 'PyPI has no ros2; test_workspace starts what it does',
+    r'ros2 (launch|run|bag|param|security|service)': 'PyPI has no ros2; see test_workspace',
     r'(python|\.venv/jazzy/bin/python) -m (pytest|benchmarks|tools)': 'takes minutes',
     r'python tools/parameter_tables.py': 'writes into the documents; test_parameters runs it',
     r'panodepth_ros calibrate': 'takes a minute; test_calibrate runs it on a short sweep',
@@ -238,7 +238,9 @@ def _python(words: list[str]) -> str:
     if rest[0] == '-m':
         if rest[1] == 'pytest':
             return ''
-        path, arguments = ROOT / f'{rest[1].replace(".", "/")}.py', rest[2:]
+        module = ROOT / rest[1].replace('.', '/')
+        path = module / '__main__.py' if module.is_dir() else module.with_suffix('.py')
+        arguments = rest[2:]
     else:
         path, arguments = ROOT / rest[0], rest[1:]
         if not path.is_file():
