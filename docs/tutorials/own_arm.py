@@ -49,6 +49,7 @@ class OwnArm(Node):
         self.get_logger().info('ready')
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._publish()  # the arm still stands: a frame counts between two such states only
         # Counted, so that rounding does not add up.
         self._steps += 1
         self._motor.turn_to(2.0 * math.pi * self._steps / self._columns)

@@ -125,10 +125,12 @@ def test_own_arm(terminal, tmp_path):
     for line in lines:
         terminal.type(line)
     terminal.jobs['depth'].wait_for_output('beams hold a distance', 200)
+    mosaicer = terminal.jobs['mosaicer']
     terminal.kill()
+    assert 'sweep of 90 columns done' in mosaicer.output, mosaicer.output
     points = int(terminal.type(look).split()[-2])
     # 90 columns of 120 pixels, without those at both ends that one eye alone saw.
-    assert points > 0.25 * 90 * 120
+    assert points > 0.4 * 90 * 120
 
 
 def test_own_camera(terminal, tmp_path):
