@@ -53,7 +53,7 @@ def test_beams_name_every_column_that_may_have_a_part_in_them(stripe, beams):
 
 
 def test_decided_beams_are_those_of_the_whole_scan():
-    settings = ScanSettings(beams=180, min_support=3.0)
+    settings = ScanSettings(beams=180, min_support=1.0)
     found, confidence = points(), np.full((ROWS, COLUMNS), 0.9, np.float32)
     whole = laser_ranges(found, confidence, settings)
     ready = np.zeros(COLUMNS, bool)
