@@ -15,6 +15,8 @@ SURFACE_DEPTH = 0.04
 NEIGHBOURHOOD = np.deg2rad(2.0)
 #: Nearer than this a surface needs more support, by the cube of how much nearer it is [m].
 FULL_SUPPORT = 1.2
+#: But not more than this share of all the panorama's pixels within the neighbourhood.
+LARGEST_SHARE = 0.25
 #: Resolution at which support is counted, as a share of the distance.
 _DEPTH_STEP = 0.005
 
@@ -109,7 +111,8 @@ def laser_ranges(
     but a hand wide has support, a pole has it from its own rows, a speckle has none. Nearer than
     :data:`FULL_SUPPORT` the support must be larger by the cube of that over the distance: a thing
     has more pixels there, by the square, and so has a patch that one eye alone sees and that
-    found a chance partner. The range is the median distance of the nearest surface's pixels in
+    found a chance partner; but what fills :data:`LARGEST_SHARE` of the view has support in the
+    coarsest panorama. The range is the median distance of the nearest surface's pixels in
     the beam. A single row needs no support.
     """
     distance = points.radial_distance
@@ -121,7 +124,8 @@ def laser_ranges(
     # Whatever lies beyond range_max is +inf in the end, however far it is.
     found = np.minimum(distance[use], 2 * settings.range_max)
     support = 0.0 if settings.row >= 0 else settings.min_support
-    nearest = _nearest_surfaces(beam, found, confidence[use], settings.beams, support)
+    limit = LARGEST_SHARE * distance.size / settings.beams
+    nearest = _nearest_surfaces(beam, found, confidence[use], settings.beams, support, limit)
     with np.errstate(invalid='ignore'):
         nearest = np.where(nearest > settings.range_max, np.inf, nearest)
         nearest = np.where(nearest < settings.range_min, -np.inf, nearest)
@@ -179,20 +183,27 @@ def _nearest_surfaces(
     confidence: npt.NDArray[np.float32],
     beams: int,
     support: float,
+    limit: float,
 ) -> npt.NDArray[np.float64]:
-    """Distance of the nearest supported surface of each beam, NaN where there is none."""
+    """
+    Distance of the nearest supported surface of each beam, NaN where there is none.
+
+    No surface beyond the least support needs more than ``limit`` for each beam of its
+    neighbourhood.
+    """
     nearest = np.full(beams, np.nan)
     if not beam.size:
         return nearest
     level = (np.log(distance / distance.min()) / _DEPTH_STEP).astype(np.int64)
     levels = int(level.max()) + 1
     of_level = distance.min() * np.exp(np.arange(levels) * _DEPTH_STEP)
-    needed = support * np.maximum(FULL_SUPPORT / of_level, 1.0) ** 3
     depth = int(np.log1p(SURFACE_DEPTH) / _DEPTH_STEP) + 1
     own = np.zeros((beams, levels + depth), np.float32)
     np.add.at(own, (beam, level), confidence)
     pooled = _sums(own, depth, axis=1)[:, :levels]
     reach = round(NEIGHBOURHOOD / (2 * np.pi) * beams)
+    needed = support * np.maximum(FULL_SUPPORT / of_level, 1.0) ** 3
+    needed = np.minimum(needed, max(support, limit * (2 * reach + 1)))
     pooled = _sums(
         np.concatenate([pooled[beams - reach :], pooled, pooled[:reach]]), 2 * reach + 1
     )

@@ -60,8 +60,17 @@ def test_pixels_support_a_surface_by_their_confidence():
 def test_near_surface_needs_more_support(pixels, supported):
     near = [(0.6, 0.0, 0.0)] * pixels  # half of 1.2 m: eight times the support
     wall = [(2.0, 0.0, 0.0)] * 2
+    elsewhere = [(math.nan, 0.0, 0.0)] * 5000
     expected = 0.6 if supported else 2.0
-    assert scan(near + wall, min_support=2.0)[180] == pytest.approx(expected)
+    assert scan(near + wall + elsewhere, min_support=2.0)[180] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(('pixels', 'supported'), [(10, True), (9, False)])
+def test_a_quarter_of_a_coarse_view_is_support_enough(pixels, supported):
+    # 2880 pixels are 8 a beam, 40 within two degrees; eight times the support would be 16.
+    elsewhere = [(math.nan, 0.0, 0.0)] * (2880 - pixels)
+    ranges = scan([(0.6, 0.0, 0.0)] * pixels + elsewhere, min_support=2.0)
+    assert np.isfinite(ranges[180]) == supported
 
 
 @pytest.mark.parametrize(('away', 'supported'), [(2.0, True), (3.0, False)])
