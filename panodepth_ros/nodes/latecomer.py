@@ -8,7 +8,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 #: Time between two requests [s], and how many are made until panoramas come.
-_PERIOD, _REQUESTS = 1.0, 3
+_PERIOD, _REQUESTS = 1.0, 30
 
 
 class Latecomer:
