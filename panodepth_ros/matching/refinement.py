@@ -239,6 +239,10 @@ def smooth_rows(
         disparity[y] = value[overlap : overlap + columns]
 
 
+#: Winners in the row within as many columns say where a disparity may lie.
+HOLD_REACH = 2
+
+
 @kernel
 def hold(
     disparity: Float32Array, steps: npt.NDArray[np.int16], first: int, start: int, stop: int
@@ -249,8 +253,8 @@ def hold(
     Parameters
     ----------
     disparity : ndarray of float32, shape (H, W)
-        Smoothed; what is more than half a column away from the winner, and from those winners of
-        the two neighbours in the row that differ from it by one, is moved to that distance.
+        Smoothed; what is more than half a column away from the winner, and from those winners
+        within ``HOLD_REACH`` columns of the row that differ from it by one, is moved there.
     steps : ndarray of int16, shape (H, W)
         Whole candidates.
     first : int
@@ -262,13 +266,13 @@ def hold(
     for y in range(start, stop):
         for x in range(columns):
             here = int32(steps[y, x])
-            before = int32(steps[y, x - 1 if x > 0 else columns - 1])
-            after = int32(steps[y, x + 1 if x + 1 < columns else 0])
             lowest, highest = here, here
-            if before == here - 1 or after == here - 1:
-                lowest = here - 1
-            if before == here + 1 or after == here + 1:
-                highest = here + 1
+            for away in range(-HOLD_REACH, HOLD_REACH + 1):
+                beside = int32(steps[y, (x + away) % columns])
+                if beside == here - 1:
+                    lowest = beside
+                elif beside == here + 1:
+                    highest = beside
             lower = np.float32(first + lowest) - np.float32(0.5)
             upper = np.float32(first + highest) + np.float32(0.5)
             disparity[y, x] = min(max(disparity[y, x], lower), upper)

@@ -279,10 +279,8 @@ def test_another_exposure_of_one_eye_changes_little(gain: float, offset: float) 
     brighter = np.clip(np.rint(gain * (0.7 * right.astype(float) + 30) + offset), 0, 255)
     plainer = np.clip(np.rint(0.7 * left.astype(float) + 30), 0, 255).astype(np.uint8)
     found = matched(pair_of(plainer, brighter.astype(np.uint8), CANDIDATES)).column_disparity
-    error = np.abs(found - slanted())
     assert np.isfinite(found).mean() > 0.97
-    assert np.nanmean(error < 1) > 0.999
-    assert np.nanmax(error) < 1.5
+    assert np.nanmax(np.abs(found - slanted())) < 1
 
 
 def test_colour_tells_apart_what_is_equally_bright() -> None:
