@@ -5,7 +5,8 @@ from panodepth_ros.mosaic.arm_track import ArmTrack, Standstill
 from panodepth_ros.mosaic.assembler import Assembler
 from panodepth_ros.mosaic.continuous import ContinuousAssembler
 from panodepth_ros.mosaic.lookup import ColumnLookup
-from panodepth_ros.mosaic.sweep import Rig, Sweep
+from panodepth_ros.mosaic.rig import Rig
+from panodepth_ros.mosaic.sweep import Sweep
 
 __all__ = [
     'ArmMotion',

@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from panodepth_ros.mosaic.arm_track import ArmTrack, Standstill
 from panodepth_ros.mosaic.builder import SweepBuilder
-from panodepth_ros.mosaic.sweep import Rig, Sweep
+from panodepth_ros.mosaic.rig import Rig
+from panodepth_ros.mosaic.sweep import Sweep
 
 
 class Assembler(SweepBuilder[ArmTrack]):

@@ -11,8 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from panodepth_ros.geometry import PinholeCamera
-from panodepth_ros.mosaic.sweep import Rig, Sweep
+from panodepth_ros.mosaic.rig import Rig
+from panodepth_ros.mosaic.sweep import Sweep
 
+#: A stamp after all others [ns].
+NEVER = 2**63
 #: Frames that may wait for joint states.
 MOST_PENDING = 200
 #: So many frames that are older than the newest, but in order, tell that their clock was set back.

@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from panodepth_ros.mosaic.arm_motion import ArmMotion, Turning
 from panodepth_ros.mosaic.builder import SweepBuilder
-from panodepth_ros.mosaic.sweep import Rig, Sweep
+from panodepth_ros.mosaic.rig import Rig
+from panodepth_ros.mosaic.sweep import Sweep
 
 #: An arm slower than this counts as standing: its frames show nothing new [columns/s].
 SLOWEST = 1.0

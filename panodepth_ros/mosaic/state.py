@@ -21,7 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from panodepth_ros.geometry import PinholeCamera
-from panodepth_ros.mosaic.sweep import Rig, Sweep
+from panodepth_ros.mosaic.rig import Rig
+from panodepth_ros.mosaic.sweep import Sweep
 
 #: A state that is older is not taken up: much may have changed [s].
 OLDEST = 120.0

@@ -24,7 +24,7 @@ from panodepth_ros.matching import (
     triangulate_match,
     window_geometry,
 )
-from panodepth_ros.mosaic.sweep import panorama_names
+from panodepth_ros.mosaic.rig import panorama_names
 from panodepth_ros.nodes.latecomer import Latecomer
 from panodepth_ros.nodes.panoramas import KINDS, read_panorama
 from panodepth_ros.nodes.republisher import Republisher

@@ -15,14 +15,16 @@ from panodepth_ros.geometry import Panorama
 from panodepth_ros.mosaic import Assembler, ContinuousAssembler, Sweep
 from panodepth_ros.mosaic.clock import DelayCheck
 from panodepth_ros.mosaic.continuity import doubt
-from panodepth_ros.mosaic.sweep import REACH_BEYOND, panorama_names
+from panodepth_ros.mosaic.rig import REACH_BEYOND, panorama_names
 from panodepth_ros.nodes.arm_watch import Absence, ArmWatch
 from panodepth_ros.nodes.closing import ClosureCheck
 from panodepth_ros.nodes.keeping import SweepKeeper
-from panodepth_ros.nodes.leading import Leader, SpinLeader, StepLeader
+from panodepth_ros.nodes.leading import Leader
 from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
 from panodepth_ros.nodes.panoramas import PanoramaPublisher, PartialPublisher
 from panodepth_ros.nodes.robot_watch import RobotWatch
+from panodepth_ros.nodes.spinning import SpinLeader
+from panodepth_ros.nodes.stepping import StepLeader
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, WARN, Report, publish_diagnostics
 from panodepth_ros.ros.images import decompressed, to_bgr_or_mono

@@ -9,7 +9,7 @@ from typing import Any
 from panodepth_ros.geometry import Mounting
 from panodepth_ros.mosaic import ArmMotion, ArmTrack, Assembler, ContinuousAssembler, Rig
 from panodepth_ros.mosaic.builder import SweepBuilder
-from panodepth_ros.mosaic.sweep import columns_per_turn
+from panodepth_ros.mosaic.rig import columns_per_turn
 from panodepth_ros.nodes.still_settings import StillParameters
 from panodepth_ros.ros.parameters import parameter
 

@@ -20,8 +20,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState, Lase
 from std_msgs.msg import Float32
 
 from panodepth_ros.mosaic import ContinuousAssembler, Sweep
-from panodepth_ros.mosaic.builder import SweepBuilder
-from panodepth_ros.nodes.leading import NEVER
+from panodepth_ros.mosaic.builder import NEVER, SweepBuilder
 from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.images import decompressed, to_array, to_bgr_or_mono

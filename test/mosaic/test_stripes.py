@@ -10,7 +10,7 @@ from panodepth_ros.geometry import PinholeCamera, triangulate
 from panodepth_ros.geometry.equations import search_range
 from panodepth_ros.matching.interface import candidate_range, window_geometry
 from panodepth_ros.mosaic import Rig, Sweep
-from panodepth_ros.mosaic.sweep import panorama_names
+from panodepth_ros.mosaic.rig import panorama_names
 
 COLUMNS = 180
 STEP = 2 * math.pi / COLUMNS

@@ -8,7 +8,7 @@ import pytest
 
 from panodepth_ros.geometry import PinholeCamera
 from panodepth_ros.mosaic import Rig, Sweep
-from panodepth_ros.mosaic.sweep import columns_per_turn
+from panodepth_ros.mosaic.rig import columns_per_turn
 
 COLUMNS = 90
 STEP = 2 * math.pi / COLUMNS
