@@ -1,4 +1,4 @@
-"""Write the nodes' parameter tables into README.md, between their markers."""
+"""Write the nodes' parameter tables into docs/nodes.md, between their markers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
 from panodepth_ros.nodes.views import ViewsParameters
 from panodepth_ros.ros.parameters import markdown_table
 
-README = Path(__file__).resolve().parents[1] / 'README.md'
+DOCUMENT = Path(__file__).resolve().parents[1] / 'docs' / 'nodes.md'
 TABLES = {
     'arm_driver': ArmDriverParameters,
     'camera': CameraParameters,
@@ -40,11 +40,11 @@ def with_tables(text: str) -> str:
         places = pattern.findall(text)
         if len(places) != 1:
             raise ValueError(
-                f'README has {len(places)} places for the parameters of {node}; allowed: 1'
+                f'there are {len(places)} places for the parameters of {node}; allowed: 1'
             )
         text = pattern.sub(f'{begin}\n{rows}\n{end}'.replace('\\', r'\\'), text)
     return text
 
 
 if __name__ == '__main__':
-    README.write_text(with_tables(README.read_text()))
+    DOCUMENT.write_text(with_tables(DOCUMENT.read_text()))

@@ -40,7 +40,7 @@ Command = Callable[[Arm, Callable[[str], None]], str]
 
 
 class ArmDriver(Node):
-    """Drives the arm and publishes its azimuth. Topics, services and parameters: README."""
+    """Drives the arm and publishes its azimuth. Topics, services and parameters: docs/nodes.md."""
 
     def __init__(self, **node_args: Any) -> None:
         self._arm: Arm | None = None  # first: the context may destroy a half-built node

@@ -52,7 +52,7 @@ _DELIVERY_TIMEOUT = 2.0
 
 
 class CameraNode(Node):
-    """Publishes frames with their calibration. Topics and parameters: README."""
+    """Publishes frames with their calibration. Topics and parameters: docs/nodes.md."""
 
     def __init__(self, **node_args: Any) -> None:
         self._stop = threading.Event()  # first: the context may destroy a half-built node

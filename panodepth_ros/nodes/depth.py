@@ -161,7 +161,7 @@ class DepthParameters(StillParameters):
 
 
 class Depth(Node):
-    """Matches panoramas and publishes depth and scan. Topics and parameters: README."""
+    """Matches panoramas and publishes depth and scan. Topics and parameters: docs/nodes.md."""
 
     def __init__(self, **node_args: Any) -> None:
         self._resources = ExitStack()  # first: the context may destroy a half-built node

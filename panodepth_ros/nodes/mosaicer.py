@@ -47,7 +47,7 @@ _SEEN_STANDING = 500_000_000
 
 
 class Mosaicer(Node):
-    """Leads or follows sweeps and publishes their panoramas. Topics and parameters: README."""
+    """Leads or follows sweeps, publishes panoramas. Topics and parameters: docs/nodes.md."""
 
     def __init__(self, **node_args: Any) -> None:
         self._leading = False  # first: the context may destroy a half-built node

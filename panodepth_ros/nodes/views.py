@@ -54,7 +54,7 @@ class ViewsParameters:
 
 
 class Views(Node):
-    """Publishes pinhole views of each depth panorama. Topics and parameters: README."""
+    """Publishes pinhole views of each depth panorama. Topics and parameters: docs/nodes.md."""
 
     def __init__(self, **node_args: Any) -> None:
         super().__init__(

@@ -3,7 +3,7 @@ Parameter tables: one frozen dataclass a node, from which all else comes.
 
 A field made by :func:`parameter` holds type, default, unit, range or choices, description and
 whether it may change while the node runs. :func:`declare_parameters` declares the table on a
-node, :func:`markdown_table` prints it for the README.
+node, :func:`markdown_table` prints it for docs/nodes.md.
 """
 
 from __future__ import annotations

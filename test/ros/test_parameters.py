@@ -1,4 +1,4 @@
-"""Parameter tables: declaration, checks, README and configuration files."""
+"""Parameter tables: declaration, checks, documentation and configuration files."""
 
 import math
 import runpy
@@ -173,8 +173,8 @@ def tool():
     return runpy.run_path(str(ROOT / 'tools' / 'parameter_tables.py'))
 
 
-def test_readme_shows_the_tables_in_force(tool):
-    text = (ROOT / 'README.md').read_text()
+def test_documents_show_the_tables_in_force(tool):
+    text = tool['DOCUMENT'].read_text()
     assert tool['with_tables'](text) == text, 'run python tools/parameter_tables.py'
 
 
