@@ -20,14 +20,8 @@ from sensor_msgs.msg import JointState, LaserScan
 from panodepth_ros.motion.frames import FrameMotion
 from panodepth_ros.ros.parameters import declare_parameters, parameter
 from panodepth_ros.ros.process import run_node
-from panodepth_ros.scan.consumers import (
-    Finding,
-    ReceivedScan,
-    ScanStream,
-    Verdict,
-    by_consumer,
-    check,
-)
+from panodepth_ros.scan.consumers import by_consumer, check
+from panodepth_ros.scan.findings import Finding, ReceivedScan, ScanStream, Verdict
 
 try:
     from tf2_msgs.msg import TFMessage

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from panodepth_ros.geometry import Points
+from panodepth_ros.geometry import SURFACE_DEPTH, Points
 
-#: Pixels whose distances differ by no more than this share belong to one surface.
-SURFACE_DEPTH = 0.04
 #: A surface may find its support within this angle to either side of a beam [rad].
 NEIGHBOURHOOD = np.deg2rad(2.0)
 #: Nearer than this a surface needs more support, by the cube of how much nearer it is [m].
@@ -105,7 +103,7 @@ def laser_ranges(
 
     Notes
     -----
-    A surface is a group of pixels whose distances lie within :data:`SURFACE_DEPTH` of the nearest
+    A surface is a group of pixels whose distances lie within ``SURFACE_DEPTH`` of the nearest
     of them and whose confidences sum up to ``min_support``. It needs one pixel in the beam
     itself; the others may be in beams within :data:`NEIGHBOURHOOD`: an edge that is a pixel high
     but a hand wide has support, a pole has it from its own rows, a speckle has none. Nearer than
@@ -151,7 +149,7 @@ def beam_confidence(
     Returns
     -------
     ndarray of float64, shape (beams,)
-        Of the pixels in the beam whose distance is within :data:`SURFACE_DEPTH` of its range;
+        Of the pixels in the beam whose distance is within ``SURFACE_DEPTH`` of its range;
         NaN where the range is not finite.
     """
     use, beam = _pixels_of_beams(points, confidence, settings)

@@ -7,15 +7,8 @@ import numpy as np
 import pytest
 
 from panodepth_ros.motion.frames import FrameMotion
-from panodepth_ros.scan.consumers import (
-    CONSUMERS,
-    ReceivedScan,
-    ScanStream,
-    Verdict,
-    by_consumer,
-    check,
-    rays_slam_toolbox_expects,
-)
+from panodepth_ros.scan.consumers import by_consumer, check, rays_slam_toolbox_expects
+from panodepth_ros.scan.findings import CONSUMERS, ReceivedScan, ScanStream, Verdict
 
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 
