@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from panodepth_ros.matching import compiled
+import panodepth_ros
 
 pytestmark = pytest.mark.launch
 
@@ -25,7 +24,10 @@ def run(tmp_path: Path):
     folder = tmp_path / 'folder'
     folder.mkdir()
     (folder / '__init__.py').touch()
-    shutil.copy(compiled.__file__, folder / 'compiled.py')
+    (folder / 'compiled.py').write_text(
+        'from pathlib import Path\nfrom panodepth_ros.compiled import compiler\n\n'
+        'kernel = compiler(Path(__file__).parent)\n'
+    )
     (folder / 'inner.py').write_text(
         'from folder.compiled import kernel\nSTEP = 1\n\n'
         '@kernel\ndef inner(x):\n    return x + STEP\n'
@@ -36,7 +38,11 @@ def run(tmp_path: Path):
     )
 
     def once() -> tuple[int, int]:
-        environment = {**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path / 'cache')}
+        environment = {
+            **os.environ,
+            'NUMBA_CACHE_DIR': str(tmp_path / 'cache'),
+            'PYTHONPATH': str(Path(panodepth_ros.__file__).parents[1]),
+        }
         done = subprocess.run(
             [sys.executable, '-c', PROGRAM],
             cwd=tmp_path,

@@ -18,10 +18,10 @@ from plotly.offline import get_plotlyjs
 
 from panodepth_ros.camera.simulated import furnished_room
 from panodepth_ros.cli.recording import Recording
-from panodepth_ros.geometry import Points, locate
+from panodepth_ros.geometry import SURFACE_DEPTH, Points, locate
 from panodepth_ros.matching import window_geometry
 from panodepth_ros.pages import page
-from panodepth_ros.scan.beams import SURFACE_DEPTH, ScanSettings
+from panodepth_ros.scan.beams import ScanSettings
 
 #: Points of the cloud that a phone still turns smoothly.
 _MOST_POINTS = 40_000

@@ -3,6 +3,7 @@
 from panodepth_ros.geometry.camera import PinholeCamera
 from panodepth_ros.geometry.mounting import ALIGNED, Mounting
 from panodepth_ros.geometry.omnistereo import (
+    SURFACE_DEPTH,
     Points,
     check_pair,
     distance_stddev,
@@ -14,6 +15,7 @@ from panodepth_ros.geometry.panorama import Panorama, PanoramaGeometry
 
 __all__ = [
     'ALIGNED',
+    'SURFACE_DEPTH',
     'Mounting',
     'Panorama',
     'PanoramaGeometry',

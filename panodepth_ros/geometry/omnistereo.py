@@ -10,6 +10,9 @@ import numpy.typing as npt
 from panodepth_ros.geometry.equations import search_range
 from panodepth_ros.geometry.panorama import PanoramaGeometry
 
+#: Pixels whose distances differ by no more than this share belong to one surface.
+SURFACE_DEPTH = 0.04
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Points:

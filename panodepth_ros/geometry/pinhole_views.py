@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar, cast
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
-from panodepth_ros.geometry import PanoramaGeometry, Points
-from panodepth_ros.scan.beams import SURFACE_DEPTH
+from panodepth_ros.compiled import compiler
+from panodepth_ros.geometry import SURFACE_DEPTH, PanoramaGeometry, Points
 
 Array = npt.NDArray[np.float64]
-Function = TypeVar('Function', bound=Callable[..., object])
+_kernel = compiler(Path(__file__).parent)
 
 #: Patches farther than this from the optical axis are in no face [rad].
 _WIDEST = math.pi / 2 - 1e-3
@@ -132,7 +130,7 @@ def render(
     -----
     The points lie at azimuths of their own, not at those of the panorama's columns. Each pixel is
     a patch of a cylinder around the axis: it reaches half-way to a neighbour of the same surface
-    (distances within :data:`~panodepth_ros.scan.beams.SURFACE_DEPTH`), and to the pixel's own edge
+    (distances within :data:`~panodepth_ros.geometry.SURFACE_DEPTH`), and to the pixel's own edge
     otherwise. Face pixels whose centres lie in a patch take its distance and colour, and so does
     the one that the point itself is in. What no patch covers, such as what an edge hides from
     the eye but not from the axis, stays unknown.
@@ -194,11 +192,7 @@ def _same_surface(one: Array, other: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(np.abs(one - other) <= SURFACE_DEPTH * np.minimum(one, other))
 
 
-def _compiled(function: Function) -> Function:
-    return cast(Function, njit(cache=True, nogil=True)(function))
-
-
-@_compiled
+@_kernel
 def _draw(
     distance: Array,
     azimuths: Array,
@@ -237,13 +231,13 @@ def _draw(
                 _enter(nearest, source, top, bottom, u, l * cosine, index)
 
 
-@_compiled
+@_kernel
 def _foreshortening(u: int, focal_length: float, cx: float) -> float:
     """Return z over the horizontal distance along column u."""
     return 1 / math.sqrt(1 + ((cx - u) / focal_length) ** 2)
 
 
-@_compiled
+@_kernel
 def _enter(
     nearest: Array,
     source: npt.NDArray[np.int64],

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from panodepth_ros.camera.simulated.furniture import AT_WALL, FREE, Piece, picture
+from panodepth_ros.camera.simulated.furniture import AT_WALL, FREE, picture
+from panodepth_ros.camera.simulated.furniture_parts import Piece
 from panodepth_ros.camera.simulated.room import Room
 from panodepth_ros.camera.simulated.solids import Box, Material, Solid, Turned, corners, placed
 from panodepth_ros.camera.simulated.textures import make_textures

@@ -9,10 +9,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
+from panodepth_ros.camera.simulated.furniture_parts import (
+    Generator,
+    Piece,
+    block,
+    book,
+    fresh,
+    ornament,
+    random_tint,
+    random_wood,
+)
+from panodepth_ros.camera.simulated.paintings import PAINTINGS
 from panodepth_ros.camera.simulated.solids import (
     Box,
     Material,
@@ -22,71 +32,6 @@ from panodepth_ros.camera.simulated.solids import (
     cylinder,
     ellipsoid,
 )
-from panodepth_ros.camera.simulated.textures import PAINTINGS, SPINES
-
-Tint = tuple[float, float, float]
-Generator = np.random.Generator
-
-
-@dataclass(frozen=True, slots=True)
-class Piece:
-    """Solids of one piece, its footprint (depth along x, width along y) and its height [m]."""
-
-    solids: list[Solid]
-    depth: float
-    width: float
-    height: float
-
-
-def _tint(rng: Generator, low: float, high: float, colour: float = 0.5) -> Tint:
-    """A tint between two brightnesses; ``colour`` 0 is grey, 1 as colourful as chance has it."""
-    grey = rng.uniform(low, high)
-    blue, green, red = grey + colour * (rng.uniform(low, high, 3) - grey)
-    return float(blue), float(green), float(red)
-
-
-def _fresh(rng: Generator, texture: str, tile: float, tint: Tint = (1.0, 1.0, 1.0)) -> Material:
-    """A repeating material whose repeats begin anywhere."""
-    shift = rng.uniform(0.0, tile, 2)
-    return Material(texture, tile, tint, offset=(float(shift[0]), float(shift[1])))
-
-
-def _wood(rng: Generator) -> Material:
-    shade = float(rng.uniform(0.7, 1.1))
-    texture = 'wood' if rng.random() < 0.6 else 'dark_wood'
-    return _fresh(rng, texture, 1.0, (shade, shade, shade))
-
-
-def _block(
-    x: float, y: float, bottom: float, size: tuple[float, float, float], material: Material
-) -> Box:
-    """A box by its centre seen from above, its lower end and its size."""
-    return Box(
-        x=x,
-        y=y,
-        length_x=size[0],
-        length_y=size[1],
-        bottom=bottom,
-        top=bottom + size[2],
-        material=material,
-    )
-
-
-def _book(rng: Generator, x: float, y: float, z: float, size: tuple[float, float, float]) -> Box:
-    """A book standing with its back to the front."""
-    tint = _tint(rng, 0.2, 1.0, 0.7)
-    left = float(rng.integers(SPINES)) / SPINES
-    back = Material('spines', tint=tint, part=(left, 0.0, 1.0 / SPINES, 1.0))
-    return Box(
-        x=x,
-        y=y,
-        length_x=size[0],
-        length_y=size[1],
-        bottom=z,
-        top=z + size[2],
-        material=Material('paint', 1.0, tint),
-        faces={'+x': back},
-    )
 
 
 def bookshelf(rng: Generator) -> Piece:
@@ -95,16 +40,16 @@ def bookshelf(rng: Generator) -> Piece:
     levels = int(rng.integers(4, 7))
     pitch = 0.34
     height = levels * pitch + 0.06
-    wood, back = _wood(rng), _wood(rng)
+    wood, back = random_wood(rng), random_wood(rng)
     board = 0.022
     inner = width - 2 * board
     solids: list[Solid] = [
-        _block(0.0, s * 0.5 * (width - board), 0.0, (depth, board, height), wood) for s in (-1, 1)
+        block(0.0, s * 0.5 * (width - board), 0.0, (depth, board, height), wood) for s in (-1, 1)
     ]
-    solids.append(_block(-0.5 * depth + 0.006, 0.0, 0.0, (0.012, inner, height), back))
+    solids.append(block(-0.5 * depth + 0.006, 0.0, 0.0, (0.012, inner, height), back))
     for level in range(levels + 1):
         z = 0.03 + level * pitch
-        solids.append(_block(0.0, 0.0, z, (depth - 0.005, inner, board), wood))
+        solids.append(block(0.0, 0.0, z, (depth - 0.005, inner, board), wood))
         if level == levels:
             break
         y = -0.5 * inner + 0.01
@@ -114,59 +59,20 @@ def bookshelf(rng: Generator) -> Piece:
             deep = float(rng.uniform(0.6, 0.92)) * (depth - 0.02)
             tall = float(rng.uniform(0.6, 0.94)) * (pitch - board)
             x = -0.5 * depth + 0.014 + 0.5 * deep
-            solids.append(_book(rng, x, y + 0.5 * thick, z + board, (deep, thick, tall)))
+            solids.append(book(rng, x, y + 0.5 * thick, z + board, (deep, thick, tall)))
             y += thick + (float(rng.uniform(0.0, 0.06)) if rng.random() < 0.1 else 0.001)
     return Piece(solids, depth, width, height)
-
-
-def _ornament(rng: Generator, x: float, y: float, z: float) -> list[Solid]:
-    """Something that stands on a table or a cabinet."""
-    kind = int(rng.integers(4))
-    if kind == 0:
-        tint = _tint(rng, 0.3, 1.0)
-        glaze = _fresh(rng, 'stone', 0.5, tint)
-        radius, tall = float(rng.uniform(0.06, 0.1)), float(rng.uniform(0.2, 0.34))
-        neck = 0.4 * radius
-        return [
-            barrel(x, y, radius, neck, z, z + tall, glaze),
-            cone(x, y, neck, 0.7 * radius, z + tall, z + tall + 0.05, glaze),
-        ]
-    if kind == 1:
-        size = (
-            float(rng.uniform(0.16, 0.26)),
-            float(rng.uniform(0.2, 0.34)),
-            float(rng.uniform(0.14, 0.26)),
-        )
-        return [_block(x, y, z, size, Material('cardboard', tint=_tint(rng, 0.6, 1.0)))]
-    if kind == 2:
-        radius = float(rng.uniform(0.09, 0.14))
-        globe = Material('view', 0.0, _tint(rng, 0.6, 1.0))
-        wood = _wood(rng)
-        return [
-            cylinder(x, y, 0.08, z, z + 0.02, wood),
-            cylinder(x, y, 0.012, z + 0.02, z + 0.08, wood),
-            ellipsoid(x, y, z + 0.07 + radius, radius, radius, globe),
-        ]
-    lying: list[Solid] = []
-    for _ in range(int(rng.integers(3, 7))):
-        thick = float(rng.uniform(0.02, 0.045))
-        tint = _tint(rng, 0.3, 1.0)
-        deep, wide = float(rng.uniform(0.13, 0.18)), float(rng.uniform(0.19, 0.27))
-        cover = _block(x, y, z, (deep, wide, thick), Material('spines', 0.6, tint))
-        lying.append(cover)
-        z += thick
-    return lying
 
 
 def cabinet(rng: Generator) -> Piece:
     """Chest of drawers with things on it."""
     depth, width = float(rng.uniform(0.4, 0.52)), float(rng.uniform(0.8, 1.3))
     height = float(rng.uniform(0.62, 1.1))
-    body = _wood(rng)
+    body = random_wood(rng)
     solids: list[Solid] = [
-        _block(0.0, 0.0, 0.06, (depth - 0.02, width - 0.03, height - 0.09), body),
-        _block(0.0, 0.0, height - 0.03, (depth + 0.02, width, 0.03), _wood(rng)),
-        _block(
+        block(0.0, 0.0, 0.06, (depth - 0.02, width - 0.03, height - 0.09), body),
+        block(0.0, 0.0, height - 0.03, (depth + 0.02, width, 0.03), random_wood(rng)),
+        block(
             -0.02,
             0.0,
             0.0,
@@ -176,21 +82,21 @@ def cabinet(rng: Generator) -> Piece:
     ]
     rows, columns = (int(v) for v in (rng.integers(2, 4), rng.integers(1, 4)))
     tall, wide = (height - 0.13) / rows, (width - 0.05) / columns
-    knob = Material('paint', 1.0, _tint(rng, 0.2, 0.5))
-    front = _fresh(rng, body.texture, 1.0, body.tint)
+    knob = Material('paint', 1.0, random_tint(rng, 0.2, 0.5))
+    front = fresh(rng, body.texture, 1.0, body.tint)
     for row in range(rows):
         for column in range(columns):
             y = (column - 0.5 * (columns - 1)) * wide
             z = 0.08 + row * tall
             size = (0.015, wide - 0.02, tall - 0.02)
-            solids.append(_block(0.5 * depth - 0.005, y, z, size, front))
+            solids.append(block(0.5 * depth - 0.005, y, z, size, front))
             solids.append(
                 ellipsoid(0.5 * depth + 0.016, y, z + 0.5 * tall - 0.01, 0.016, 0.016, knob)
             )
     for y in np.arange(-0.5 * width + 0.2, 0.5 * width - 0.15, 0.34):
         if rng.random() < 0.75:
             shift = rng.uniform(-0.05, 0.05, 2)
-            solids.extend(_ornament(rng, float(shift[0]), float(y + shift[1]), height))
+            solids.extend(ornament(rng, float(shift[0]), float(y + shift[1]), height))
     return Piece(solids, depth + 0.05, width, height)
 
 
@@ -198,18 +104,18 @@ def table(rng: Generator) -> Piece:
     """Table with four legs, a lamp, a screen or other things on it."""
     depth, width = float(rng.uniform(0.6, 0.75)), float(rng.uniform(1.0, 1.5))
     height = float(rng.uniform(0.71, 0.76))
-    wood = _wood(rng)
-    solids: list[Solid] = [_block(0.0, 0.0, height - 0.03, (depth, width, 0.03), wood)]
+    wood = random_wood(rng)
+    solids: list[Solid] = [block(0.0, 0.0, height - 0.03, (depth, width, 0.03), wood)]
     for sx in (-1, 1):
         for sy in (-1, 1):
             x, y = sx * (0.5 * depth - 0.05), sy * (0.5 * width - 0.05)
-            solids.append(_block(x, y, 0.0, (0.05, 0.05, height - 0.03), wood))
-    solids.append(_block(-0.5 * depth + 0.06, 0.0, height - 0.13, (0.02, width - 0.1, 0.1), wood))
+            solids.append(block(x, y, 0.0, (0.05, 0.05, height - 0.03), wood))
+    solids.append(block(-0.5 * depth + 0.06, 0.0, height - 0.13, (0.02, width - 0.1, 0.1), wood))
     grey = Material('paint', 1.0, (0.25, 0.25, 0.27))
     y = float(rng.uniform(-0.2, 0.2))
     solids += [
-        _block(-0.1, y, height, (0.18, 0.26, 0.015), grey),
-        _block(-0.12, y, height + 0.015, (0.03, 0.05, 0.12), grey),
+        block(-0.1, y, height, (0.18, 0.26, 0.015), grey),
+        block(-0.12, y, height + 0.015, (0.03, 0.05, 0.12), grey),
         Box(
             x=-0.08,
             y=y,
@@ -222,7 +128,7 @@ def table(rng: Generator) -> Piece:
         ),
     ]
     for y in (-0.5 * width + 0.18, 0.5 * width - 0.18):
-        solids.extend(_ornament(rng, float(rng.uniform(-0.12, 0.12)), float(y), height))
+        solids.extend(ornament(rng, float(rng.uniform(-0.12, 0.12)), float(y), height))
     return Piece(solids, depth, width, height)
 
 
@@ -230,17 +136,17 @@ def chair(rng: Generator) -> Piece:
     """Chair with a slatted back."""
     wide, deep, seat = 0.44, 0.44, float(rng.uniform(0.43, 0.48))
     height = float(rng.uniform(0.86, 1.05))
-    tint = _tint(rng, 0.4, 1.0)
-    wood = _fresh(rng, 'wood', 1.0, tint)
-    solids: list[Solid] = [_block(0.0, 0.0, seat - 0.035, (deep, wide, 0.035), wood)]
+    tint = random_tint(rng, 0.4, 1.0)
+    wood = fresh(rng, 'wood', 1.0, tint)
+    solids: list[Solid] = [block(0.0, 0.0, seat - 0.035, (deep, wide, 0.035), wood)]
     for sy in (-1, 1):
         y = sy * (0.5 * wide - 0.025)
-        solids.append(_block(0.5 * deep - 0.03, y, 0.0, (0.035, 0.035, seat - 0.035), wood))
-        solids.append(_block(-0.5 * deep + 0.02, y, 0.0, (0.035, 0.035, height), wood))
-    solids.append(_block(-0.5 * deep + 0.02, 0.0, height - 0.09, (0.025, wide, 0.09), wood))
+        solids.append(block(0.5 * deep - 0.03, y, 0.0, (0.035, 0.035, seat - 0.035), wood))
+        solids.append(block(-0.5 * deep + 0.02, y, 0.0, (0.035, 0.035, height), wood))
+    solids.append(block(-0.5 * deep + 0.02, 0.0, height - 0.09, (0.025, wide, 0.09), wood))
     for y in np.linspace(-0.13, 0.13, 4):
         slat = (0.015, 0.035, height - 0.09 - seat)
-        solids.append(_block(-0.5 * deep + 0.02, float(y), seat, slat, wood))
+        solids.append(block(-0.5 * deep + 0.02, float(y), seat, slat, wood))
     return Piece(solids, deep, wide, height)
 
 
@@ -248,14 +154,14 @@ def sofa(rng: Generator) -> Piece:
     """Upholstered sofa with cushions."""
     depth, width = float(rng.uniform(0.78, 0.88)), float(rng.uniform(1.3, 1.8))
     height = float(rng.uniform(0.82, 0.98))
-    cloth = _fresh(rng, 'fabric', 0.4, _tint(rng, 0.5, 1.15))
+    cloth = fresh(rng, 'fabric', 0.4, random_tint(rng, 0.5, 1.15))
     solids: list[Solid] = [
-        _block(0.0, 0.0, 0.08, (depth, width, 0.32), cloth),
-        _block(-0.5 * depth + 0.11, 0.0, 0.4, (0.22, width, height - 0.4), cloth),
+        block(0.0, 0.0, 0.08, (depth, width, 0.32), cloth),
+        block(-0.5 * depth + 0.11, 0.0, 0.4, (0.22, width, height - 0.4), cloth),
     ]
     for sy in (-1, 1):
         y = sy * (0.5 * width - 0.09)
-        solids.append(_block(0.03, y, 0.4, (depth - 0.06, 0.18, 0.2), cloth))
+        solids.append(block(0.03, y, 0.4, (depth - 0.06, 0.18, 0.2), cloth))
     for y in np.linspace(-0.28, 0.28, 3) * width:
         if rng.random() < 0.7:
             solids.append(
@@ -267,7 +173,7 @@ def sofa(rng: Generator) -> Piece:
                     bottom=0.4,
                     top=0.4 + float(rng.uniform(0.36, 0.42)),
                     yaw=float(rng.uniform(-0.25, 0.25)),
-                    material=_fresh(rng, 'wallpaper', 0.3, _tint(rng, 0.5, 1.1)),
+                    material=fresh(rng, 'wallpaper', 0.3, random_tint(rng, 0.5, 1.1)),
                 )
             )
     return Piece(solids, depth, width, height)
@@ -276,7 +182,7 @@ def sofa(rng: Generator) -> Piece:
 def lamp(rng: Generator) -> Piece:
     """Standing lamp: a thin pole with a shade."""
     height, radius = float(rng.uniform(1.4, 1.7)), float(rng.uniform(0.009, 0.016))
-    metal = Material('paint', 1.0, _tint(rng, 0.15, 0.4))
+    metal = Material('paint', 1.0, random_tint(rng, 0.15, 0.4))
     shade = Material('paint', 1.0, (0.72, 0.9, 1.02), glow=1.0)
     solids: list[Solid] = [
         cylinder(0.0, 0.0, 0.14, 0.0, 0.03, metal),
@@ -289,7 +195,7 @@ def lamp(rng: Generator) -> Piece:
 def plant(rng: Generator) -> Piece:
     """Pot plant: a thin stem or two and tufts of leaves."""
     pot_height = float(rng.uniform(0.26, 0.36))
-    clay = _fresh(rng, 'roughcast', 0.8, (0.5, 0.65, 1.0))
+    clay = fresh(rng, 'roughcast', 0.8, (0.5, 0.65, 1.0))
     stem = Material('dark_wood', 0.6)
     solids: list[Solid] = [
         cone(0.0, 0.0, 0.12, 0.17, 0.0, pot_height, clay),
@@ -300,7 +206,7 @@ def plant(rng: Generator) -> Piece:
         z = float(rng.uniform(0.55, 1.25))
         radius, half = float(rng.uniform(0.03, 0.085)), float(rng.uniform(0.012, 0.035))
         green = float(rng.uniform(0.8, 1.5))
-        leaf = _fresh(rng, 'leaves', 0.4, (green, green, green))
+        leaf = fresh(rng, 'leaves', 0.4, (green, green, green))
         solids.append(ellipsoid(out * math.cos(turn), out * math.sin(turn), z, radius, half, leaf))
     return Piece(solids, 0.5, 0.5, 1.35)
 
@@ -309,8 +215,8 @@ def cask(rng: Generator) -> Piece:
     """Wooden barrel with iron hoops."""
     height, belly = float(rng.uniform(0.86, 1.08)), float(rng.uniform(0.27, 0.33))
     ends = 0.8 * belly
-    staves = _fresh(rng, 'staves', 0.55, (1.1, 1.1, 1.1))
-    iron = _fresh(rng, 'stone', 0.5, (0.4, 0.38, 0.38))
+    staves = fresh(rng, 'staves', 0.55, (1.1, 1.1, 1.1))
+    iron = fresh(rng, 'stone', 0.5, (0.4, 0.38, 0.38))
     body = barrel(0.0, 0.0, belly, ends, 0.0, height, staves)
     solids: list[Solid] = [body]
     for middle in (0.06, 0.28, 0.72, 0.94):
@@ -337,7 +243,7 @@ def boxes(rng: Generator) -> Piece:
                 bottom=z,
                 top=z + float(size[2]),
                 yaw=float(rng.uniform(-0.25, 0.25)),
-                material=Material('cardboard', tint=_tint(rng, 0.75, 1.05)),
+                material=Material('cardboard', tint=random_tint(rng, 0.75, 1.05)),
             )
         )
         z += float(size[2])
@@ -347,11 +253,11 @@ def boxes(rng: Generator) -> Piece:
 def pillar(rng: Generator) -> Piece:
     """Round stone column from floor to ceiling."""
     radius = float(rng.uniform(0.1, 0.17))
-    stone = _fresh(rng, 'stone', 0.7)
+    stone = fresh(rng, 'stone', 0.7)
     plinth = radius + 0.04
     solids: list[Solid] = [
         cylinder(0.0, 0.0, radius, 0.0, 2.6, stone),
-        _block(0.0, 0.0, 0.0, (2 * plinth, 2 * plinth, 0.12), stone),
+        block(0.0, 0.0, 0.0, (2 * plinth, 2 * plinth, 0.12), stone),
     ]
     return Piece(solids, 2 * plinth, 2 * plinth, 2.6)
 
@@ -360,17 +266,17 @@ def wardrobe(rng: Generator) -> Piece:
     """Tall cupboard with two doors."""
     depth, width = float(rng.uniform(0.5, 0.6)), float(rng.uniform(0.9, 1.2))
     height = float(rng.uniform(1.7, 2.0))
-    wood = _wood(rng)
-    leaf = Material('door', tint=_tint(rng, 0.7, 1.0))
+    wood = random_wood(rng)
+    leaf = Material('door', tint=random_tint(rng, 0.7, 1.0))
     solids: list[Solid] = [
-        _block(-0.01, 0.0, 0.0, (depth - 0.02, width, height), wood),
-        _block(0.0, 0.0, height, (depth + 0.03, width + 0.03, 0.04), wood),
+        block(-0.01, 0.0, 0.0, (depth - 0.02, width, height), wood),
+        block(0.0, 0.0, height, (depth + 0.03, width + 0.03, 0.04), wood),
     ]
     knob = Material('paint', 1.0, (0.3, 0.5, 0.6))
     for sy in (-1, 1):
         half = 0.5 * width - 0.012
         size = (0.02, half, height - 0.1)
-        solids.append(_block(0.5 * depth - 0.01, sy * 0.25 * width, 0.06, size, leaf))
+        solids.append(block(0.5 * depth - 0.01, sy * 0.25 * width, 0.06, size, leaf))
         solids.append(ellipsoid(0.5 * depth + 0.02, sy * 0.05, 0.98, 0.02, 0.02, knob))
     return Piece(solids, depth + 0.05, width + 0.03, height)
 
@@ -378,7 +284,7 @@ def wardrobe(rng: Generator) -> Piece:
 def picture(rng: Generator) -> Piece:
     """Framed painting, to hang with its back at x = 0 and its middle at z = 0."""
     width, height = (float(v) for v in rng.uniform(0.3, 0.75, 2))
-    frame = Material('dark_wood', 1.0, _tint(rng, 0.4, 1.4))
+    frame = Material('dark_wood', 1.0, random_tint(rng, 0.4, 1.4))
     column, row = (float(v) / PAINTINGS for v in rng.integers(0, PAINTINGS, 2))
     share = 1.0 / PAINTINGS
     inset = 0.02
@@ -389,7 +295,7 @@ def picture(rng: Generator) -> Piece:
         share * (1 - 2 * inset),
     )
     solids: list[Solid] = [
-        _block(0.0125, 0.0, -0.5 * height, (0.025, width, height), frame),
+        block(0.0125, 0.0, -0.5 * height, (0.025, width, height), frame),
         Box(
             x=0.014,
             y=0.0,

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from panodepth_ros.camera.simulated import raytracer
+from panodepth_ros.camera.simulated import hits, raytracer
+from panodepth_ros.camera.simulated.shading import Light
 from panodepth_ros.camera.simulated.solids import Box, Solid, Turned, corners, pack
 from panodepth_ros.camera.simulated.textures import Textures
 
@@ -154,7 +155,7 @@ class Room:
         ways = np.atleast_2d(np.asarray(directions, np.float64))
         shape = np.broadcast_shapes(starts.shape, ways.shape)
         distances = np.empty(shape[0])
-        raytracer.cast(
+        hits.cast(
             self._geometry,
             np.array(np.broadcast_to(starts, shape)),
             np.array(np.broadcast_to(ways, shape)),
@@ -185,7 +186,7 @@ class Room:
             segments.extend(zip(points, points[1:] + points[:1], strict=True))
         return segments
 
-    def _lit(self, lamps: Array, ambient: tuple[float, float, float]) -> raytracer.Light:
+    def _lit(self, lamps: Array, ambient: tuple[float, float, float]) -> Light:
         """
         Find out how light reaches the points of a lattice.
 
@@ -199,7 +200,7 @@ class Room:
         lattice = np.stack(np.meshgrid(*axes, indexing='ij'), axis=-1)
         points = lattice.reshape(-1, 3)
         blocked = np.empty(len(points), np.bool_)
-        raytracer.inside(self._geometry, points, blocked)
+        hits.inside(self._geometry, points, blocked)
         grid = np.zeros((len(points), 4))
         free = points[~blocked]
         sides = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
@@ -224,7 +225,7 @@ class Room:
             )
             planes = 0.25 * before + 0.5 * here + 0.25 * after
         planes = planes[..., :3] / np.maximum(planes[..., 3:], 1e-6)
-        return raytracer.Light(
+        return Light(
             np.asarray(lamps, np.float32),
             np.asarray(ambient, np.float32),
             np.ascontiguousarray(planes, np.float32).ravel(),

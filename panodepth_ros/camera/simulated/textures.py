@@ -8,22 +8,28 @@ frames are free of aliasing. Brightness is that of the finished frame at full il
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-Picture = npt.NDArray[np.uint8]
-Plane = npt.NDArray[np.float32]
-Colour = tuple[float, float, float]
-Generator = np.random.Generator
+from panodepth_ros.camera.simulated.paintings import landscape, paintings
+from panodepth_ros.camera.simulated.patterns import (
+    Colour,
+    Generator,
+    Plane,
+    cells,
+    copies,
+    finish,
+    noise,
+    painted,
+    wood_grain,
+)
 
 #: Spines side by side in the texture ``spines``.
 SPINES = 16
-#: Paintings side by side and one above the other in the texture ``paintings``.
-PAINTINGS = 2
 LEVELS = 9
 
 
@@ -46,77 +52,14 @@ class Textures(NamedTuple):
     size: npt.NDArray[np.int64]
 
 
-def noise(rng: Generator, size: int, longest: float, shortest: float, slope: float = 1.0) -> Plane:
-    """
-    Seamless band-limited noise.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    size : int
-        Edge [px].
-    longest, shortest : float
-        Wavelengths that limit the band [px].
-    slope : float
-        Amplitude falls with frequency to this power.
-
-    Returns
-    -------
-    ndarray of float32, shape (size, size)
-        Mean 0, standard deviation 1.
-    """
-    fy = np.fft.fftfreq(size)[:, None]
-    fx = np.fft.rfftfreq(size)[None, :]
-    f = np.hypot(fx, fy)
-    f[0, 0] = np.inf
-    weight = f**-slope * (f >= 1.0 / longest) * (f <= 1.0 / shortest)
-    spectrum = np.fft.rfft2(rng.standard_normal((size, size))) * weight
-    plane = np.fft.irfft2(spectrum, s=(size, size))
-    scaled: Plane = (plane / plane.std()).astype(np.float32)
-    return scaled
-
-
-def _painted(colour: Colour, *layers: npt.NDArray[np.floating]) -> Plane:
-    """One colour whose brightness varies by the sum of the layers [grey levels]."""
-    total: Plane = np.sum(layers, axis=0, dtype=np.float32)
-    painted: Plane = total[..., None] + np.asarray(colour, np.float32)
-    return painted
-
-
-def _finish(plane: Plane) -> Picture:
-    return np.ascontiguousarray(np.clip(plane, 0, 255).round(), np.uint8)
-
-
-def _copies(x: float, y: float, size: int) -> Iterator[tuple[int, int]]:
-    """Places where a motif must be drawn so that it continues beyond the edges."""
-    for dy in (-size, 0, size):
-        for dx in (-size, 0, size):
-            yield round(x + dx), round(y + dy)
-
-
-def _cells(
-    size: int, columns: int, rows: int, shift: float
-) -> tuple[Plane, Plane, npt.NDArray[np.int64]]:
-    """Bricks: distances to vertical and horizontal joints [px], and each brick's number."""
-    y, x = np.mgrid[0:size, 0:size].astype(np.float32) + np.float32(0.5)
-    tall, wide = size / rows, size / columns
-    row = np.floor(y / tall)
-    x = np.mod(x + shift * wide * np.mod(row, 2), size)
-    column = np.floor(x / wide)
-    in_x, in_y = x - column * wide, y - row * tall
-    number = (row * columns + column).astype(np.int64)
-    return np.minimum(in_x, wide - in_x), np.minimum(in_y, tall - in_y), number
-
-
 def _brick(rng: Generator, size: int = 1024) -> Plane:
     """2 m by 2 m of bricks, 8 by 28."""
-    across, along, number = _cells(size, 8, 28, 0.5)
+    across, along, number = cells(size, 8, 28, 0.5)
     shade = rng.normal(0.0, 16.0, number.max() + 1).astype(np.float32)[number]
     hue = rng.normal(0.0, 7.0, number.max() + 1).astype(np.float32)[number]
-    face = _painted((62.0, 80.0, 142.0), shade, 9.0 * noise(rng, size, 64, 4, 0.7))
+    face = painted((62.0, 80.0, 142.0), shade, 9.0 * noise(rng, size, 64, 4, 0.7))
     face[..., 1] += hue
-    mortar = _painted((138.0, 146.0, 152.0), 7.0 * noise(rng, size, 40, 4, 0.5))
+    mortar = painted((138.0, 146.0, 152.0), 7.0 * noise(rng, size, 40, 4, 0.5))
     edge = np.minimum(across, along) + 0.8 * noise(rng, size, 60, 10)
     share = np.clip((edge - 2.0) / 2.0, 0.0, 1.0)[..., None]
     wall: Plane = share * face + (1.0 - share) * mortar
@@ -125,15 +68,15 @@ def _brick(rng: Generator, size: int = 1024) -> Plane:
 
 def _wallpaper(rng: Generator, size: int = 512) -> Plane:
     """0.53 m by 0.53 m: one repeat of a flower pattern on paper, as it comes off the roll."""
-    paper = _painted((176.0, 200.0, 206.0), 3.0 * noise(rng, size, 40, 3, 0.4))
-    picture = _finish(paper)
+    paper = painted((176.0, 200.0, 206.0), 3.0 * noise(rng, size, 40, 3, 0.4))
+    picture = finish(paper)
     petals = rng.uniform((40, 30, 120), (90, 80, 190))
     leaf = rng.uniform((50, 100, 60), (90, 140, 110))
     for step, (cx, cy) in enumerate([(0.25, 0.25), (0.75, 0.75), (0.72, 0.22), (0.2, 0.76)]):
         turn = rng.uniform(0, 360)
         big = step < 2
         radius = size * (0.105 if big else 0.055)
-        for x, y in _copies(cx * size, cy * size, size):
+        for x, y in copies(cx * size, cy * size, size):
             for k in range(3):
                 angle = np.deg2rad(turn + 120 * k)
                 tip = (
@@ -160,23 +103,13 @@ def _plaster(rng: Generator, size: int = 1024) -> Plane:
     """Painted plaster, 2.6 m by 2.6 m: hardly any texture."""
     stains = 2.2 * noise(rng, size, 1000, 60, 1.2)
     grain = 1.6 * noise(rng, size, 24, 3, 0.3)
-    return _painted((196.0, 206.0, 210.0), stains, grain)
+    return painted((196.0, 206.0, 210.0), stains, grain)
 
 
 def _roughcast(rng: Generator, size: int = 1024) -> Plane:
     """Coarse render, 2 m by 2 m."""
     pits = np.minimum(noise(rng, size, 40, 5, 0.6), 0.4)
-    return _painted((138.0, 160.0, 172.0), 9.0 * pits, 4.0 * noise(rng, size, 700, 60))
-
-
-def _grain(rng: Generator, size: int, stretch: int) -> Plane:
-    """Wood grain along the rows of the array: noise compressed across and stretched along."""
-    fine = noise(rng, size, 40, 3, 0.6)
-    rows = np.fft.rfft(fine, axis=1)
-    rows *= np.exp(-((np.arange(rows.shape[1]) * stretch / 60.0) ** 2))
-    plane = np.fft.irfft(rows, n=size, axis=1)
-    scaled: Plane = (plane / plane.std()).astype(np.float32)
-    return scaled
+    return painted((138.0, 160.0, 172.0), 9.0 * pits, 4.0 * noise(rng, size, 700, 60))
 
 
 def _boards(rng: Generator, size: int, boards: int, colour: Colour, contrast: float) -> Plane:
@@ -184,7 +117,7 @@ def _boards(rng: Generator, size: int, boards: int, colour: Colour, contrast: fl
     x = np.arange(size, dtype=np.float32) + 0.5
     wide = size / boards
     number = np.floor(x / wide).astype(np.int64)
-    grain = _grain(rng, size, 20).T
+    grain = wood_grain(rng, size, 20).T
     shifted = np.empty_like(grain)
     for board in range(boards):
         strip = number == board
@@ -192,7 +125,7 @@ def _boards(rng: Generator, size: int, boards: int, colour: Colour, contrast: fl
     joint = np.minimum(np.mod(x, wide), wide - np.mod(x, wide))
     shade = rng.normal(0.0, contrast, boards)[number] - 55.0 * np.exp(-((joint / 2.0) ** 2))
     lines = np.broadcast_to(shade.astype(np.float32), (size, size))
-    return _painted(colour, lines, 0.8 * contrast * shifted, 2.0 * noise(rng, size, 300, 30))
+    return painted(colour, lines, 0.8 * contrast * shifted, 2.0 * noise(rng, size, 300, 30))
 
 
 def _panel(rng: Generator, size: int = 1024) -> Plane:
@@ -213,33 +146,33 @@ def _parquet(rng: Generator, size: int = 1024) -> Plane:
 
 def _carpet(rng: Generator, size: int = 512) -> Plane:
     """Short pile, 0.8 m by 0.8 m."""
-    return _painted((104.0, 96.0, 112.0), 9.0 * noise(rng, size, 30, 3, 0.2))
+    return painted((104.0, 96.0, 112.0), 9.0 * noise(rng, size, 30, 3, 0.2))
 
 
 def _wood(rng: Generator, size: int = 512) -> Plane:
     """Light furniture wood, 1 m by 1 m, grain across the picture."""
     swing = 5.0 * noise(rng, size, 500, 100)
-    return _painted((112.0, 160.0, 200.0), 7.0 * _grain(rng, size, 14), swing)
+    return painted((112.0, 160.0, 200.0), 7.0 * wood_grain(rng, size, 14), swing)
 
 
 def _dark_wood(rng: Generator, size: int = 512) -> Plane:
     """Stained furniture wood, 1 m by 1 m, grain across the picture."""
     swing = 4.0 * noise(rng, size, 500, 100)
-    return _painted((44.0, 66.0, 104.0), 6.0 * _grain(rng, size, 14), swing)
+    return painted((44.0, 66.0, 104.0), 6.0 * wood_grain(rng, size, 14), swing)
 
 
 def _fabric(rng: Generator, size: int = 512) -> Plane:
     """Woven upholstery, 0.4 m by 0.4 m."""
     y, x = np.mgrid[0:size, 0:size].astype(np.float32) * np.float32(2.0 * np.pi / size)
     weave = 5.0 * np.sin(64 * x) * np.sin(64 * y) + 4.0 * np.sign(np.sin(16 * (x + y)))
-    return _painted((150.0, 132.0, 96.0), weave, 5.0 * noise(rng, size, 200, 6, 0.6))
+    return painted((150.0, 132.0, 96.0), weave, 5.0 * noise(rng, size, 200, 6, 0.6))
 
 
 def _cardboard(rng: Generator, size: int = 512) -> Plane:
     """A side of a box: corrugation, tape and print; fitted to a face."""
-    plane = _painted((112.0, 152.0, 186.0), 2.5 * _grain(rng, size, 30).T)
+    plane = painted((112.0, 152.0, 186.0), 2.5 * wood_grain(rng, size, 30).T)
     plane += 3.0 * noise(rng, size, 200, 20)[..., None]
-    picture = _finish(plane)
+    picture = finish(plane)
     middle = size // 2
     cv2.rectangle(picture, (0, middle - 26), (size, middle + 26), (140, 178, 205), -1)
     for _ in range(5):
@@ -259,7 +192,7 @@ def _leaves(rng: Generator, size: int = 512) -> Plane:
         axes = (int(rng.integers(22, 46)), int(rng.integers(7, 14)))
         turn = rng.uniform(0, 360)
         green = rng.uniform((40, 110, 50), (80, 175, 110)) * depth
-        for place in _copies(x, y, size):
+        for place in copies(x, y, size):
             cv2.ellipse(picture, place, axes, turn, 0, 360, green.tolist(), -1, cv2.LINE_AA)
             cv2.ellipse(picture, place, (axes[0], 1), turn, 0, 360, (green * 0.7).tolist(), 1)
     return picture.astype(np.float32)
@@ -267,7 +200,7 @@ def _leaves(rng: Generator, size: int = 512) -> Plane:
 
 def _paint(rng: Generator, size: int = 512) -> Plane:
     """Smooth varnish or metal: nearly nothing to see, 1 m by 1 m."""
-    return _painted((190.0, 194.0, 196.0), 1.5 * noise(rng, size, 300, 10, 0.8))
+    return painted((190.0, 194.0, 196.0), 1.5 * noise(rng, size, 300, 10, 0.8))
 
 
 def _staves(rng: Generator, size: int = 512) -> Plane:
@@ -278,7 +211,7 @@ def _staves(rng: Generator, size: int = 512) -> Plane:
 def _stone(rng: Generator, size: int = 512) -> Plane:
     """Granite, 0.7 m by 0.7 m."""
     grains = 14.0 * noise(rng, size, 26, 4, 0.3)
-    return _painted((146.0, 146.0, 148.0), grains, 6.0 * noise(rng, size, 200, 30))
+    return painted((146.0, 146.0, 148.0), grains, 6.0 * noise(rng, size, 200, 30))
 
 
 def _spines(rng: Generator, size: int = 512) -> Plane:
@@ -302,90 +235,14 @@ def _spines(rng: Generator, size: int = 512) -> Plane:
     return picture.astype(np.float32) + 4.0 * noise(rng, size, 60, 4, 0.5)[..., None]
 
 
-def _landscape(rng: Generator, size: int) -> Picture:
-    """Hills under a sky, with trees."""
-    ramp = np.linspace(0.0, 1.0, size, dtype=np.float32)[:, None, None]
-    sky = (1 - ramp) * np.array((225, 180, 130)) + ramp * np.array((190, 215, 235))
-    sky = sky + 10.0 * noise(rng, size, 300, 20, 1.5)[..., None]
-    picture = _finish(np.broadcast_to(sky, (size, size, 3)))
-    x = np.arange(size)
-    for depth in range(4):
-        base = size * (0.45 + 0.14 * depth)
-        phase = rng.uniform(0, 6.28, 3)
-        ridge = base - sum(
-            size * 0.05 / k * np.sin(2 * np.pi * k * x / size * 1.3 + phase[k - 1])
-            for k in (1, 2, 3)
-        )
-        outline = np.column_stack([x, ridge]).round().astype(np.int32)
-        outline = np.vstack([outline, [[size, size], [0, size]]])
-        green = rng.uniform((40, 70, 40), (90, 130, 100)) * (0.6 + 0.13 * depth)
-        cv2.fillPoly(picture, [outline], green.tolist(), cv2.LINE_AA)
-        for tree in rng.integers(0, size, 5):
-            foot = (int(tree), int(ridge[tree]))
-            crown = int(size * rng.uniform(0.015, 0.05))
-            cv2.circle(picture, foot, crown, (green * 0.7).tolist(), -1, cv2.LINE_AA)
-    return picture
-
-
-def _still_life(rng: Generator, size: int) -> Picture:
-    """Round fruit on a cloth."""
-    picture = _finish(_painted((70.0, 80.0, 100.0), 12.0 * noise(rng, size, 200, 10)))
-    cv2.rectangle(picture, (0, round(size * 0.62)), (size, size), (170, 190, 205), -1)
-    for _ in range(9):
-        centre = (
-            int(rng.uniform(0.1, 0.9) * size),
-            int(rng.normal(0.6, 0.1) * size),
-        )
-        radius = int(size * rng.uniform(0.06, 0.14))
-        colour = rng.uniform((20, 60, 120), (70, 190, 240))
-        for step in range(4):
-            part = (centre[0] - step * radius // 8, centre[1] - step * radius // 8)
-            shade = np.clip(colour * (0.7 + 0.15 * step), 0, 255).tolist()
-            cv2.circle(picture, part, radius * (4 - step) // 4, shade, -1, cv2.LINE_AA)
-    return picture
-
-
-def _abstract(rng: Generator, size: int) -> Picture:
-    """Coloured fields between black bars."""
-    picture = np.full((size, size, 3), 225, np.uint8)
-    palette = [(40, 40, 190), (170, 80, 30), (50, 200, 235), (225, 225, 225), (60, 60, 60)]
-    for _ in range(9):
-        x, y = (int(v) for v in rng.integers(0, size, 2))
-        wide, tall = (int(v) for v in rng.integers(size // 8, size // 2, 2))
-        colour = palette[int(rng.integers(len(palette)))]
-        cv2.rectangle(picture, (x, y), (x + wide, y + tall), colour, -1)
-        cv2.rectangle(picture, (x, y), (x + wide, y + tall), (20, 20, 20), size // 40)
-    return picture
-
-
-def _poster(rng: Generator, size: int) -> Picture:
-    """A page of print with a headline and a diagram."""
-    picture = np.full((size, size, 3), (200, 215, 220), np.uint8)
-    cv2.rectangle(picture, (20, 20), (size - 20, size // 6), (90, 60, 40), -1)
-    for y in range(size // 4, size - 20, 14):
-        stop = int(rng.uniform(0.5, 0.95) * size)
-        cv2.line(picture, (24, y), (stop, y), (70, 70, 70), 4)
-    centre = (round(size * 0.7), round(size * 0.6))
-    cv2.circle(picture, centre, size // 5, (60, 110, 190), -1, cv2.LINE_AA)
-    cv2.circle(picture, centre, size // 9, (215, 225, 230), -1, cv2.LINE_AA)
-    return picture
-
-
-def _paintings(rng: Generator, size: int = 512) -> Plane:
-    half = size // PAINTINGS
-    rows = [[_landscape, _still_life], [_abstract, _poster]]
-    pictures = [np.hstack([paint(rng, half) for paint in row]) for row in rows]
-    return np.vstack(pictures).astype(np.float32)
-
-
 def _view(rng: Generator, size: int = 512) -> Plane:
     """What the window shows."""
-    return _landscape(rng, size).astype(np.float32) * 1.12
+    return landscape(rng, size).astype(np.float32) * 1.12
 
 
 def _door(rng: Generator, size: int = 512) -> Plane:
     """A door leaf with four panels, fitted to its face."""
-    plane = _painted((150.0, 176.0, 190.0), 3.0 * _grain(rng, size, 14).T)
+    plane = painted((150.0, 176.0, 190.0), 3.0 * wood_grain(rng, size, 14).T)
     for top, bottom in ((0.06, 0.42), (0.5, 0.94)):
         for left, right in ((0.1, 0.46), (0.54, 0.9)):
             a, b, c, d = (round(v * size) for v in (top, bottom, left, right))
@@ -411,7 +268,7 @@ _MAKERS: dict[str, Callable[[Generator], Plane]] = {
     'staves': _staves,
     'stone': _stone,
     'spines': _spines,
-    'paintings': _paintings,
+    'paintings': paintings,
     'view': _view,
     'door': _door,
 }
@@ -431,7 +288,7 @@ def make_textures(rng: Generator) -> Textures:
         sizes[number] = len(level)
         for k in range(LEVELS):
             starts[number, k] = used
-            chains.append(_finish(level).reshape(-1, 3))
+            chains.append(finish(level).reshape(-1, 3))
             used += len(chains[-1])
             level = 0.25 * (
                 level[0::2, 0::2] + level[1::2, 0::2] + level[0::2, 1::2] + level[1::2, 1::2]
