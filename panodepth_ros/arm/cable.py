@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from .errors import ArmLimitError
+from panodepth_ros.arm.errors import ArmLimitError
 
 _TURN = 2.0 * math.pi
 

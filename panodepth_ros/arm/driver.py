@@ -24,8 +24,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import NoReturn
 
-from . import grbl
-from .errors import (
+from panodepth_ros.arm import grbl
+from panodepth_ros.arm.errors import (
     ArmAlarmError,
     ArmBusyError,
     ArmError,
@@ -33,11 +33,11 @@ from .errors import (
     ArmProtocolError,
     ArmTimeoutError,
 )
-from .index import IndexSearch
-from .interface import ArmState
-from .link import GrblLink, SentLine
-from .reports import Report, Reports
-from .spin import Leg
+from panodepth_ros.arm.index import IndexSearch
+from panodepth_ros.arm.interface import ArmState
+from panodepth_ros.arm.link import GrblLink, SentLine
+from panodepth_ros.arm.reports import Report, Reports
+from panodepth_ros.arm.spin import Leg
 
 _LOGGER = logging.getLogger(__name__)
 

@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import NamedTuple, NoReturn
 
-from .dynamixel_bus import DynamixelBus
-from .errors import (
+from panodepth_ros.arm.dynamixel_bus import DynamixelBus
+from panodepth_ros.arm.errors import (
     ArmAlarmError,
     ArmBusyError,
     ArmConnectionError,
@@ -26,8 +26,8 @@ from .errors import (
     ArmStoppedError,
     ArmTimeoutError,
 )
-from .interface import ArmState
-from .telling import StateTeller
+from panodepth_ros.arm.interface import ArmState
+from panodepth_ros.arm.telling import StateTeller
 
 _PULSE = 2.0 * math.pi / 4096.0
 _FARTHEST_PULSE = 1_048_575

@@ -9,7 +9,12 @@ from typing import Any
 
 import serial
 
-from .errors import ArmConnectionError, ArmError, ArmProtocolError, ArmTimeoutError
+from panodepth_ros.arm.errors import (
+    ArmConnectionError,
+    ArmError,
+    ArmProtocolError,
+    ArmTimeoutError,
+)
 
 #: How long one read of the port waits for bytes [s].
 _READ_TIMEOUT = 0.005

@@ -12,11 +12,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from . import grbl
-from .errors import ArmProtocolError
-from .interface import ArmState
-from .link import GrblLink, SentLine
-from .reports import Report, Reports
+from panodepth_ros.arm import grbl
+from panodepth_ros.arm.errors import ArmProtocolError
+from panodepth_ros.arm.interface import ArmState
+from panodepth_ros.arm.link import GrblLink, SentLine
+from panodepth_ros.arm.reports import Report, Reports
 
 #: Speed of the last approach [rad/s].
 _SLOW = math.radians(5.0)

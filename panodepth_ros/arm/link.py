@@ -16,8 +16,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import NamedTuple
 
-from . import grbl
-from .errors import (
+from panodepth_ros.arm import grbl
+from panodepth_ros.arm.errors import (
     ArmAlarmError,
     ArmConnectionError,
     ArmError,
@@ -26,7 +26,7 @@ from .errors import (
     ArmStoppedError,
     ArmTimeoutError,
 )
-from .transport import SerialLine
+from panodepth_ros.arm.transport import SerialLine
 
 _LOGGER = logging.getLogger(__name__)
 

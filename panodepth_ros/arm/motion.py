@@ -6,7 +6,7 @@ import bisect
 import math
 from collections.abc import Sequence
 
-from .truth import Piece
+from panodepth_ros.arm.truth import Piece
 
 
 def chain(

@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-from . import grbl
-from .errors import ArmAlarmError, ArmProtocolError, ArmTimeoutError
-from .interface import ArmState
-from .link import Answer, GrblLink
-from .telling import StateTeller
+from panodepth_ros.arm import grbl
+from panodepth_ros.arm.errors import ArmAlarmError, ArmProtocolError, ArmTimeoutError
+from panodepth_ros.arm.interface import ArmState
+from panodepth_ros.arm.link import Answer, GrblLink
+from panodepth_ros.arm.telling import StateTeller
 
 #: Whole motor steps that a position may count: 32-bit floats hold an eighth of a step there.
 _COUNTED_STEPS = 2.0**21

@@ -21,12 +21,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from . import grbl
-from .motion import brake, chain, state_at
-from .simulated_gcode import RefusedLineError, words_of
-from .simulated_index import IndexMark
-from .simulated_settings import Modes, default_settings
-from .truth import CAPACITY, Piece
+from panodepth_ros.arm import grbl
+from panodepth_ros.arm.motion import brake, chain, state_at
+from panodepth_ros.arm.simulated_gcode import RefusedLineError, words_of
+from panodepth_ros.arm.simulated_index import IndexMark
+from panodepth_ros.arm.simulated_settings import Modes, default_settings
+from panodepth_ros.arm.truth import CAPACITY, Piece
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 UNLOCK_HINT = b"[MSG:'$H'|'$X' to unlock]\r\n"

@@ -12,8 +12,8 @@ import math
 import struct
 from collections.abc import Callable, Sequence
 
-from .motion import chain, state_at
-from .truth import CAPACITY, Piece
+from panodepth_ros.arm.motion import chain, state_at
+from panodepth_ros.arm.truth import CAPACITY, Piece
 
 _HEADER = b'\xff\xff\xfd'
 _PULSE = 2.0 * math.pi / 4096.0

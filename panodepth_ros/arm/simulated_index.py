@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from .motion import state_at
-from .truth import Piece
+from panodepth_ros.arm.motion import state_at
+from panodepth_ros.arm.truth import Piece
 
 
 class IndexMark:

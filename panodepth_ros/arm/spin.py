@@ -14,10 +14,10 @@ import math
 import time
 from collections.abc import Callable
 
-from . import grbl
-from .errors import ArmProtocolError
-from .link import GrblLink, SentLine
-from .reports import Report, Reports
+from panodepth_ros.arm import grbl
+from panodepth_ros.arm.errors import ArmProtocolError
+from panodepth_ros.arm.link import GrblLink, SentLine
+from panodepth_ros.arm.reports import Report, Reports
 
 #: How long the planner can do without new moves [s], besides the time to brake.
 _RESERVE = 1.0

@@ -6,9 +6,8 @@ import math
 from collections import deque
 from collections.abc import Callable
 
+from panodepth_ros.arm.interface import ArmState
 from panodepth_ros.motion.turning import Reading, TurnEstimator
-
-from .interface import ArmState
 
 #: How many round trips the shortest one is taken from.
 _ROUND_TRIPS = 64

@@ -14,9 +14,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol
 
-from .simulated import SimulatedController
-from .simulated_line import PacedLine
-from .truth import TruthWriter, truth_path
+from panodepth_ros.arm.simulated import SimulatedController
+from panodepth_ros.arm.simulated_line import PacedLine
+from panodepth_ros.arm.truth import TruthWriter, truth_path
 
 _LOGGER = logging.getLogger(__name__)
 

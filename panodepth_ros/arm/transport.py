@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import serial
 
-from .errors import ArmConnectionError, ArmTimeoutError
+from panodepth_ros.arm.errors import ArmConnectionError, ArmTimeoutError
 
 #: A line of the protocol is short; a port that does not take it in this time [s] is stuck.
 _WRITE_TIMEOUT = 1.0
