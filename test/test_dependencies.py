@@ -1,5 +1,7 @@
 """Dependencies point one way, and what is declared is what is needed."""
 
+import ast
+import graphlib
 import re
 import subprocess
 import sys
@@ -10,22 +12,22 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / 'panodepth_ros'
+CORE_FOLDERS = ('geometry', 'mosaic', 'matching', 'calibration', 'scan', 'motion', 'analysis')
 CORE = [
     *sorted(
         '.'.join(path.relative_to(PACKAGE).with_suffix('').parts)
-        for folder in (
-            'geometry',
-            'mosaic',
-            'matching',
-            'calibration',
-            'scan',
-            'motion',
-            'analysis',
-        )
+        for folder in CORE_FOLDERS
         for path in [PACKAGE / folder, *(PACKAGE / folder).glob('[a-z]*.py')]
     ),
     'export.ply',
 ]
+#: docs/architecture.md: what is on a line uses that line and those before it.
+LAYERS = (
+    ('compiled', *CORE_FOLDERS, 'export', 'pages'),
+    ('ros', 'arm', 'camera', 'bag'),
+    ('nodes',),
+    ('cli', 'start'),
+)
 
 #: rosdep keys, each looked up in rosdistro's rosdep/*.yaml or a package of the distribution.
 ROSDEP_KEYS = {
@@ -50,6 +52,35 @@ def test_core_imports_without_ros_and_devices(module):
     )
     ran = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     assert ran.stdout.strip() == '[]'
+
+
+def used_folders():
+    """Folder, or module beside them, to the others that its modules import anywhere."""
+    used = {}
+    for path in PACKAGE.rglob('[a-z]*.py'):
+        mine = path.relative_to(PACKAGE).with_suffix('').parts[0]
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom):
+                names = [f'{node.module}.{alias.name}' for alias in node.names]
+            elif isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            else:
+                continue
+            theirs = {name.split('.')[1] for name in names if name.startswith('panodepth_ros.')}
+            used.setdefault(mine, set()).update(theirs - {mine})
+    return used
+
+
+def test_every_layer_uses_itself_and_those_below():
+    level = {folder: height for height, layer in enumerate(LAYERS) for folder in layer}
+    used = used_folders()
+    assert used['nodes'] >= {'ros', 'arm', 'camera', 'matching'}
+    upward = [(a, b) for a, others in used.items() for b in others if level[a] < level[b]]
+    assert upward == []
+
+
+def test_no_folders_use_each_other():
+    list(graphlib.TopologicalSorter(used_folders()).static_order())
 
 
 @pytest.mark.parametrize('distro', ['jazzy', 'kilted'])
