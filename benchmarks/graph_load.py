@@ -44,24 +44,27 @@ from panodepth_ros.mosaic import Rig
 NODES = ('arm_driver', 'camera', 'mosaicer', 'depth')
 _TIMEOUT = 60.0
 _TICK = os.sysconf('SC_CLK_TCK')
-_MEGABYTE = 2.0**20
+#: When memory is looked at, in parts of the duration.
+_MARKS = (0.1, 0.2, 0.5, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Use:
-    """CPU time [s] and memory [bytes] of a process so far."""
+    """CPU time so far [s], memory of its own and shared memory that it has touched [MB]."""
 
     cpu: float
-    memory: int
+    own: float
+    shared: float
 
     @classmethod
     def of(cls, pid: int) -> Use:
         """Ask the kernel."""
         fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
-        resident = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
-        return cls(
-            (int(fields[11]) + int(fields[12])) / _TICK, resident * os.sysconf('SC_PAGE_SIZE')
+        status = dict(
+            line.split(':', 1) for line in Path(f'/proc/{pid}/status').read_text().splitlines()
         )
+        own, shared = (int(status[name].split()[0]) / 1024 for name in ('RssAnon', 'RssShmem'))
+        return cls((int(fields[11]) + int(fields[12])) / _TICK, own, shared)
 
 
 def render(folder: Path, rig: Rig, camera: PinholeCamera, lens: RoomCamera, frames: int) -> None:
@@ -176,26 +179,23 @@ def measure(processes: Processes, scratch: Path, duration: float, turn: float) -
     client.start()
     client.until(lambda: client.latencies, 'the first scan', 2 * turn + _TIMEOUT)
     pids = {node: processes.pid(node) for node in NODES}
-    begin, before = time.monotonic(), {node: Use.of(pid) for node, pid in pids.items()}
-    first_frame, first_scan = len(client.frames), len(client.latencies)
-    client.until(lambda: time.monotonic() - begin > duration / 2, 'half the time', duration)
-    halfway = {node: Use.of(pid).memory for node, pid in pids.items()}
-    client.until(lambda: time.monotonic() - begin > duration, 'the end', duration)
-    took, after = time.monotonic() - begin, {node: Use.of(pid) for node, pid in pids.items()}
+    begin, first_frame, first_scan = time.monotonic(), len(client.frames), len(client.latencies)
+    uses = [{node: Use.of(pid) for node, pid in pids.items()}]
+    for mark in _MARKS:
+        client.until(lambda: time.monotonic() - begin > mark * duration, 'the end', duration + 1)  # noqa: B023
+        uses.append({node: Use.of(pid) for node, pid in pids.items()})
+    took = time.monotonic() - begin
+    cpu = {node: 100 * (uses[-1][node].cpu - uses[0][node].cpu) / took for node in NODES}
     rows = [
-        [
-            node,
-            f'{100 * (after[node].cpu - before[node].cpu) / took:.1f}',
-            f'{after[node].memory / _MEGABYTE:.0f}',
-            f'{(halfway[node] - before[node].memory) / _MEGABYTE:+.1f}',
-            f'{(after[node].memory - halfway[node]) / _MEGABYTE:+.1f}',
-        ]
+        [node, f'{cpu[node]:.1f}']
+        + [f'{use[node].own:.1f}' for use in uses]
+        + [f'{uses[-1][node].shared:.0f}']
         for node in NODES
     ]
-    whole = sum(after[node].cpu - before[node].cpu for node in NODES) / took
-    rows.append(['all', f'{100 * whole:.1f}', '', '', ''])
-    growth = ('growth in the first half MB', 'in the second')
-    print(table(['', 'CPU, % of a core', 'memory MB', *growth], rows))
+    rows.append(['all', f'{sum(cpu.values()):.1f}', *[''] * (len(uses) + 1)])
+    times = [f'after {mark * duration:.0f} s' for mark in _MARKS]
+    heads = ['', 'CPU, % of a core', 'own memory MB after a turn', *times, 'shared']
+    print(table(heads, rows))
     stamps, latencies = client.frames[first_frame:], client.latencies[first_scan:]
     said = processes.text('mosaicer')
     matched = re.findall(r'took ([0-9.]+) s', processes.text('depth'))
