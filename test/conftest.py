@@ -9,6 +9,11 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# A busy machine is slow; that fails no test.
+settings.register_profile('untimed', deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile('untimed')
 
 pytest_plugins = ['fixtures.ros', 'fixtures.demo', 'fixtures.v4l2_device']
 

@@ -10,7 +10,7 @@ from panodepth_ros.arm.errors import ArmProtocolError
 
 
 @given(st.lists(st.binary(max_size=700), max_size=8))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_any_bytes_in_any_portions_are_lines_of_a_known_form(portions):
     assembler = grbl.LineAssembler()
     for portion in portions:
@@ -18,7 +18,7 @@ def test_any_bytes_in_any_portions_are_lines_of_a_known_form(portions):
 
 
 @given(st.binary(max_size=80))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_any_answer_of_a_servo_is_bytes_or_an_arm_error(answer):
     memory = fuzz.Memory()
     fuzz.check_dynamixel(fuzz.impatient_bus(memory), memory, answer)

@@ -338,7 +338,7 @@ def test_power_up_forgets_the_count_but_the_arm_stays():
 LINES = st.text(st.sampled_from('GXYFPA$HJ=0123456789.- ;()/\t'), max_size=30)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.lists(LINES, max_size=10))
 def test_every_line_is_answered_once(lines):
     bench = Bench({}, motor={'max_rate': 1e6, 'acceleration': 1e9})
@@ -347,7 +347,7 @@ def test_every_line_is_answered_once(lines):
         assert len(answers) == 1, (line, answers)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.lists(st.binary(max_size=30), max_size=10))
 def test_any_bytes_leave_a_controller_that_works_after_a_reset(portions):
     bench = Bench()

@@ -243,7 +243,7 @@ def images(draw: st.DrawFn) -> tuple[str, np.ndarray]:
 
 
 @pytest.mark.ros
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(image=images(), flip=st.booleans(), swap=st.booleans())
 def test_writing_and_reading_give_back_every_bit(
     image: tuple[str, np.ndarray], flip: bool, swap: bool
