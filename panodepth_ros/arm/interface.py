@@ -13,7 +13,8 @@ class ArmState(NamedTuple):
     Attributes
     ----------
     stamp : int
-        When the arm was there, by the clock given to the driver [ns]; strictly increasing.
+        When the arm was there, by the clock given to the driver [ns]; strictly increasing,
+        unless that clock is set back.
     azimuth : float
         As the controller counts it, counter-clockwise positive, not wrapped [rad].
     velocity : float

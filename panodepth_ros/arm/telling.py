@@ -9,6 +9,8 @@ from collections.abc import Callable
 from panodepth_ros.arm.interface import ArmState
 from panodepth_ros.motion.turning import Reading, TurnEstimator
 
+#: A clock this far behind the stamps it gave was set back [ns].
+_SET_BACK = 10_000_000
 #: How many round trips the shortest one is taken from.
 _ROUND_TRIPS = 64
 
@@ -61,6 +63,7 @@ class StateTeller:
         round_trip : float
             From the query to the answer [s]; +inf if it is not known.
         """
+        self._follow_clock()
         estimate = None
         if self._estimator is not None and stamp > self._last_stamp:
             if math.isfinite(round_trip):
@@ -73,8 +76,18 @@ class StateTeller:
         self.tell(stamp, azimuth, velocity)
 
     def tell(self, stamp: int, azimuth: float, velocity: float) -> ArmState:
-        """Tell a state as it is, but for a stamp that does not grow, and return it."""
+        """
+        Tell a state as it is, but for a stamp that does not grow, and return it.
+
+        Stamps go back only if the clock was set back: who listens has to know of that.
+        """
+        self._follow_clock()
         self._last_stamp = max(stamp, self._last_stamp + 1)
         state = ArmState(self._last_stamp, azimuth, velocity)
         self._listener(state)
         return state
+
+    def _follow_clock(self) -> None:
+        if self._clock() < self._last_stamp - _SET_BACK:
+            self._last_stamp = 0
+            self.forget()

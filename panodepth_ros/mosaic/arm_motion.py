@@ -85,6 +85,10 @@ class ArmMotion:
         while len(self._states) > 2 and self._states[1][0] < stamp - HISTORY:
             self._states.popleft()
 
+    def forget(self) -> None:
+        """Forget all joint states: their clock was set."""
+        self._states.clear()
+
     def at(self, stamp: int) -> Turning | str | None:
         """
         Where the arm was at a time, and how fast it turned.

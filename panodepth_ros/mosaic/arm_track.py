@@ -69,6 +69,10 @@ class ArmTrack:
     def __init__(self, tolerance: float, longest_gap: int) -> None:
         self._tolerance = tolerance
         self._longest_gap = longest_gap
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget all joint states: their clock was set."""
         self._standstills: deque[Standstill] = deque()
         self._first: int | None = None
         self._newest: int | None = None

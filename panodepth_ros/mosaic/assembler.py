@@ -34,6 +34,11 @@ class Assembler(SweepBuilder[ArmTrack]):
         self._settle_time = settle_time
         self._served: int | None = None
 
+    def restart(self, not_before: int) -> None:
+        """See :meth:`SweepBuilder.restart`."""
+        super().restart(not_before)
+        self._served = None
+
     def has_frame_of(self, standstill: Standstill) -> bool:
         """Whether a frame exposed in a standstill is used or waits for its joint state."""
         if self._served is not None and self._served >= standstill.start:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable
@@ -11,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from panodepth_ros.geometry import PinholeCamera
+from panodepth_ros.mosaic.clock import StampOrder
 from panodepth_ros.mosaic.rig import Rig
 from panodepth_ros.mosaic.sweep import Sweep
 
@@ -18,8 +20,6 @@ from panodepth_ros.mosaic.sweep import Sweep
 NEVER = 2**63
 #: Frames that may wait for joint states.
 MOST_PENDING = 200
-#: So many frames that are older than the newest, but in order, tell that their clock was set back.
-LATE_IN_A_ROW = 5
 
 
 class Track(Protocol):
@@ -35,6 +35,9 @@ class Track(Protocol):
 
     def add(self, stamp: int, position: float, velocity: float | None) -> None:
         """Take one joint state."""
+
+    def forget(self) -> None:
+        """Forget all joint states: their clock was set."""
 
     def at(self, stamp: int) -> Any:
         """Place of the arm; a str that says why there is none; None if it is not known yet."""
@@ -70,6 +73,9 @@ class SweepBuilder(ABC, Generic[AnyTrack]):
     taken : callable
         Called with each frame that a sweep has taken and its arm azimuth; does nothing unless
         replaced.
+    clock_set : callable
+        Called when the clock of camera or arm was set back, so that the sweep under construction
+        is forgotten: with a sentence, and whether there was one. Does nothing unless replaced.
     """
 
     def __init__(self, rig: Rig, track: AnyTrack) -> None:
@@ -79,10 +85,10 @@ class SweepBuilder(ABC, Generic[AnyTrack]):
         self.sweep: Sweep | None = None
         self.camera: PinholeCamera | None = None
         self._pending: deque[tuple[int, npt.NDArray[np.uint8]]] = deque()
-        self._newest_frame: int | None = None
-        self._late, self._late_stamp = 0, 0
+        self._frame_order, self._joint_order = StampOrder(), StampOrder()
         self._not_before = 0
         self.taken: Callable[[npt.NDArray[np.uint8], float], None] = lambda *_: None
+        self.clock_set: Callable[[str, bool], None] = lambda *_: None
 
     def set_camera(self, camera: PinholeCamera) -> list[Sweep]:
         """
@@ -129,11 +135,19 @@ class SweepBuilder(ABC, Generic[AnyTrack]):
         list of Sweep
             Sweeps that came to their end.
         """
-        try:
-            self.track.add(stamp, position, velocity)
-        except ValueError:
-            self.drops['joint state out of order or not finite'] += 1
+        if not math.isfinite(position) or not math.isfinite(velocity or 0.0):
+            self.drops['joint state is not finite'] += 1
             return []
+        set_back = self._joint_order.see(stamp)
+        if set_back is None:
+            self.drops['joint state out of order or twice'] += 1
+            return []
+        if set_back:
+            self.track.forget()
+            self._frame_order = StampOrder()  # the camera's clock may be the same
+        self.track.add(stamp, position, velocity)
+        if set_back:
+            self._begin_anew('arm', set_back, stamp + 1)
         return self._place_pending()
 
     def add_frame(self, stamp: int, image: npt.NDArray[np.uint8]) -> list[Sweep]:
@@ -152,24 +166,25 @@ class SweepBuilder(ABC, Generic[AnyTrack]):
         list of Sweep
             Sweeps that came to their end.
         """
-        if self._newest_frame is not None and stamp <= self._newest_frame:
+        set_back = self._frame_order.see(stamp)
+        if set_back is None:
             self.drops['frame out of order or twice'] += 1
-            if not self._clock_was_set_back(stamp):
-                return []
-            self._pending.clear()
-        self._late = 0
-        self._newest_frame = stamp
+            return []
+        if set_back:
+            self._begin_anew('camera', set_back, (self.track.newest or 0) + 1)
         self._pending.append((stamp, image))
         if len(self._pending) > MOST_PENDING:
             self._pending.popleft()
             self.drops['frame: no joint state or camera_info came'] += 1
         return self._place_pending()
 
-    def _clock_was_set_back(self, stamp: int) -> bool:
-        """Whether enough late frames have come in order among themselves."""
-        self._late = self._late + 1 if self._late and stamp > self._late_stamp else 1
-        self._late_stamp = stamp
-        return self._late >= LATE_IN_A_ROW
+    def _begin_anew(self, whose: str, set_back: int, not_before: int) -> None:
+        """Forget the sweep: what the clock told before does not agree with what it tells now."""
+        under_way = self.sweep is not None
+        self.restart(not_before)
+        self.clock_set(
+            f'the clock of the {whose} was set back by {set_back * 1e-9:.1f} s', under_way
+        )
 
     def _place_pending(self) -> list[Sweep]:
         finished = []

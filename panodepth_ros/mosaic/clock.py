@@ -1,5 +1,8 @@
 """
-The constant delay between the clocks of camera and arm, out of turns to both sides.
+The clocks of camera and arm: one that was set back, and the constant delay between the two.
+
+A clock that is set back shows in the order of the stamps. The delay comes out of turns to both
+sides.
 
 A frame whose true exposure is later than believed lies behind the arm in the direction of the
 turn. So the panoramas of a forward and a backward turn are shifted against each other by the
@@ -19,6 +22,8 @@ from panodepth_ros.geometry import Panorama
 
 Array = npt.NDArray[np.float64]
 
+#: So many stamps that are older than the newest, but in order, tell that their clock was set back.
+LATE_IN_A_ROW = 5
 #: Sectors of the turn that estimate the shift each for itself.
 SECTORS = 12
 #: Fewest sectors with anything to see that make an estimate.
@@ -27,6 +32,47 @@ FEWEST_SECTORS = 4
 STEPS, SMOOTHING = 20, 1.5
 #: Least mean squared gradient of a sector [grey levels² per column²].
 LEAST_GRADIENT = 4.0
+
+
+class StampOrder:
+    """
+    Watches the stamps of one source for its clock being set back.
+
+    Attributes
+    ----------
+    newest : int or None
+        Newest stamp by the clock as it is set now [ns]; None before the first.
+    """
+
+    def __init__(self) -> None:
+        self.newest: int | None = None
+        self._late, self._late_stamp = 0, 0
+
+    def see(self, stamp: int) -> int | None:
+        """
+        Take the next stamp.
+
+        Parameters
+        ----------
+        stamp : int
+            [ns].
+
+        Returns
+        -------
+        int or None
+            By how much the clock was set back before this stamp [ns], nearly always 0; None if
+            the stamp is not newer than the newest, a single one that is late or comes twice.
+        """
+        newest = self.newest
+        if newest is None or stamp > newest:
+            self.newest, self._late = stamp, 0
+            return 0
+        self._late = self._late + 1 if self._late and stamp > self._late_stamp else 1
+        self._late_stamp = stamp
+        if self._late < LATE_IN_A_ROW:
+            return None
+        self.newest, self._late = stamp, 0
+        return newest - stamp
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
 from panodepth_ros.nodes.panoramas import PanoramaPublisher, PartialPublisher
 from panodepth_ros.nodes.robot_watch import RobotWatch
 from panodepth_ros.nodes.spinning import SpinLeader
+from panodepth_ros.nodes.stamps import StampCheck
 from panodepth_ros.nodes.stepping import StepLeader
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, WARN, Report, publish_diagnostics
@@ -58,6 +59,10 @@ class Mosaicer(Node):
             self, MosaicerParameters, self._on_parameters, self._check_parameters
         )
         self._assembler = self._settings.builder()
+        self._assembler.clock_set = self._on_clock_set
+        self._stamps = StampCheck(
+            self, live=self._settings.lead, longest_gap=self._settings.joint_state_gap
+        )
         self._delay_check = DelayCheck()
         self._camera_fault = _NO_CAMERA
         self._reported = -1.0
@@ -143,7 +148,11 @@ class Mosaicer(Node):
             self._assembler.drops[f'frame: {error}'] += 1
             self.get_logger().warning(f'frame dropped: {error}', throttle_duration_sec=5.0)
             return
-        self._publish(self._assembler.add_frame(to_nanoseconds(message.header.stamp), image))
+        stamp = to_nanoseconds(message.header.stamp)
+        if objection := self._stamps.against_frame(stamp, self._assembler.track):
+            self._assembler.drops[f'frame: {objection}'] += 1
+        else:
+            self._publish(self._assembler.add_frame(stamp, image))
         self._advance()
 
     def _on_joint_state(self, message: JointState) -> None:
@@ -155,6 +164,13 @@ class Mosaicer(Node):
         if reading is None:
             return
         stamp, azimuth, velocity = reading
+        if ahead := self._stamps.ahead(stamp):
+            self._assembler.drops["joint state: stamped ahead of this computer's clock"] += 1
+            self._on_clock_set(
+                f"the joint states are stamped {ahead:.1f} s ahead of this computer's clock",
+                self._assembler.sweep is not None,
+            )
+            return
         if (absence := self._arm_watch.see(stamp)) is not None:
             known = self._absence is not None and self._absence.restarted
             self._absence = Absence(absence.seconds, absence.restarted or known)
@@ -163,6 +179,12 @@ class Mosaicer(Node):
             self._on_return(azimuth, absence)
         self._publish(self._assembler.add_joint_state(stamp, azimuth, velocity))
         self._advance()
+
+    def _on_clock_set(self, what: str, under_way: bool) -> None:
+        if self._leading or under_way:
+            self._give_up(f'{what}; let all computers have one time')
+        else:
+            self.get_logger().warning(what, throttle_duration_sec=5.0)
 
     def _on_return(self, azimuth: float, absence: Absence) -> None:
         """Go on, or not, with an arm that stands somewhere after it was out of sight."""

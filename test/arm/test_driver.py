@@ -21,6 +21,7 @@ from panodepth_ros.arm.errors import (
     ArmStoppedError,
     ArmTimeoutError,
 )
+from panodepth_ros.arm.telling import StateTeller
 
 DEG = math.pi / 180.0
 SPEED = 30.0 * DEG  # of the bench
@@ -180,6 +181,20 @@ def test_stamps_increase_when_the_clock_stands(bench):
     stamps = [state.stamp for state in bench.states]
     assert len(stamps) > 3
     assert all(a < b for a, b in itertools.pairwise(stamps))
+
+
+def test_stamps_follow_a_clock_that_is_set_back():
+    # Else they would stand still until the clock has caught up, and the arm with them.
+    now, told = 100_000_000_000, []
+    teller = StateTeller(lambda: now, told.append)
+    teller.resolve(0.04 * DEG)
+    for back in (0, 5_000_000_000, 0):
+        now -= back
+        for _ in range(10):
+            now += 20_000_000
+            teller.turn(now, now * 1e-9 * DEG, DEG, 0.001)
+    gaps = [after.stamp - before.stamp for before, after in itertools.pairwise(told)]
+    assert gaps == [20_000_000] * 9 + [20_000_000 - 5_000_000_000] + [20_000_000] * 19
 
 
 def test_state_is_stamped_before_the_position_was_read(bench):

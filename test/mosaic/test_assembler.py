@@ -173,12 +173,50 @@ def test_frame_of_another_size_gives_way_to_the_next():
     assert built.drops['frame is 21 × 8 px; allowed: 21 × 7, as the camera_info says'] == 1
 
 
-def test_clock_that_is_set_back_does_not_stop_the_sweep():
+def moved(events, seconds, kinds=('joint', 'frame')):
+    """Events whose stamps are later by so much, in the same order."""
+    by = round(seconds * 1e9)
+    return [(stamp + by * (kind in kinds), kind, *rest) for stamp, kind, *rest in events]
+
+
+def test_frame_of_a_clock_that_was_far_ahead_does_not_stop_the_camera():
     built = assembler()
-    built.add_frame(10**15, image(255))  # of a clock that was far ahead
+    built.add_frame(10**15, image(255))
     (sweep,) = play(built, recording(COLUMNS + 2))
     assert 255 not in sweep.panoramas()['left'].image[0]
     assert sweep.complete
+
+
+def set_back(back, kinds):
+    """Two and a half turns, in whose first one clocks are set back by some seconds."""
+    events = moved(recording(5 * COLUMNS // 2, frames_per_stop=1), 4000.0)
+    return events[:200], moved(events[200:], -back, kinds)
+
+
+@pytest.mark.parametrize('back', [2.0, 3600.0])
+@pytest.mark.parametrize('kinds', [('joint',), ('frame',), ('joint', 'frame')])
+def test_clock_that_is_set_back_ends_the_sweep(kinds, back):
+    built, said = assembler(), []
+    built.clock_set = lambda *told: said.append(told)
+    before, after = set_back(back, kinds)
+    assert play(built, before) == []
+    assert built.sweep is not None
+    play(built, after[:30])
+    ((told, under_way),) = said
+    assert under_way
+    whose = 'arm' if 'joint' in kinds else 'camera'
+    assert told.startswith(f'the clock of the {whose} was set back by ')
+    assert float(told.split()[-2]) == pytest.approx(back, abs=0.5)
+    assert built.sweep is None or built.sweep.start > before[-1][0] - back * 1e9
+
+
+@pytest.mark.parametrize('back', [2.0, 3600.0])
+def test_after_clocks_were_set_back_together_the_next_sweep_is_true(back):
+    before, after = set_back(back, ('joint', 'frame'))
+    (sweep,) = play(assembler(), before + after)
+    row = sweep.panoramas()['left'].image[0].tolist()
+    first = min(row)
+    assert sorted(row) == list(range(first, first + COLUMNS))
 
 
 def test_single_late_frames_set_no_clock_back():
@@ -202,7 +240,8 @@ def test_bad_joint_state_is_dropped_and_counted():
     built.add_joint_state(10, 0.0, 0.0)
     built.add_joint_state(10, 0.0, 0.0)
     built.add_joint_state(11, math.nan, 0.0)
-    assert built.drops['joint state out of order or not finite'] == 2
+    assert built.drops['joint state out of order or twice'] == 1
+    assert built.drops['joint state is not finite'] == 1
 
 
 def test_changed_calibration_gives_the_sweep_up():
