@@ -29,16 +29,26 @@ LAYERS = (
     ('cli', 'start'),
 )
 
-#: rosdep keys, each looked up in rosdistro's rosdep/*.yaml or a package of the distribution.
+#: Modules and the rosdep keys that bring them, each looked up in rosdistro's rosdep/*.yaml.
 ROSDEP_KEYS = {
-    *('python3-hypothesis', 'python3-matplotlib', 'python3-numba', 'python3-numpy'),
-    *('python3-opencv', 'python3-pytest', 'python3-pytest-timeout', 'python3-serial'),
-    'python3-yaml',
+    'cv2': 'python3-opencv',
+    'hypothesis': 'python3-hypothesis',
+    'llvmlite': 'python3-numba',  # which is made with it
+    'matplotlib': 'python3-matplotlib',
+    'numba': 'python3-numba',
+    'numpy': 'python3-numpy',
+    'pytest': 'python3-pytest',
+    'pytest_timeout': 'python3-pytest-timeout',
+    'serial': 'python3-serial',
+    'yaml': 'python3-yaml',
 }
+#: What is imported only where it is there, and no package of a robot's distribution brings.
+OPTIONAL = {'dynamixel_sdk', 'plotly'}
+#: Packages of the distribution.
 ROS_PACKAGES = {
     *('rclpy', 'rcl_interfaces', 'builtin_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs'),
     *('geometry_msgs', 'nav_msgs', 'tf2_msgs', 'tf2_ros', 'diagnostic_msgs'),
-    *('launch', 'launch_ros', 'ros2launch', 'ament_index_python'),
+    *('launch', 'launch_ros', 'ros2launch', 'ament_index_python', 'rosgraph_msgs'),
 }
 
 
@@ -54,20 +64,22 @@ def test_core_imports_without_ros_and_devices(module):
     assert ran.stdout.strip() == '[]'
 
 
+def imports(path):
+    """What a file imports anywhere, by full names."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            yield from (f'{node.module}.{alias.name}' for alias in node.names)
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
 def used_folders():
     """Folder, or module beside them, to the others that its modules import anywhere."""
     used = {}
     for path in PACKAGE.rglob('[a-z]*.py'):
         mine = path.relative_to(PACKAGE).with_suffix('').parts[0]
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom):
-                names = [f'{node.module}.{alias.name}' for alias in node.names]
-            elif isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            else:
-                continue
-            theirs = {name.split('.')[1] for name in names if name.startswith('panodepth_ros.')}
-            used.setdefault(mine, set()).update(theirs - {mine})
+        theirs = {n.split('.')[1] for n in imports(path) if n.startswith('panodepth_ros.')}
+        used.setdefault(mine, set()).update(theirs - {mine})
     return used
 
 
@@ -94,12 +106,15 @@ def test_every_ros_wheel_is_pinned(distro):
 def test_package_xml_names_existing_keys_and_all_imports():
     package = ElementTree.parse(ROOT / 'package.xml').getroot()
     named = {element.text for element in package if element.tag.endswith('depend')}
-    assert named <= ROSDEP_KEYS | ROS_PACKAGES
-    imported = set()
-    for path in (ROOT / 'panodepth_ros').rglob('*.py'):
-        found = re.findall(r'^ *(?:from|import) ([a-z_0-9]+)', path.read_text(), re.MULTILINE)
-        imported |= set(found)
-    assert imported & ROS_PACKAGES <= named
+    assert named <= {*ROSDEP_KEYS.values()} | ROS_PACKAGES
+    files = [*PACKAGE.rglob('*.py'), *(ROOT / 'launch').glob('*.py')]
+    imported = {name.partition('.')[0] for path in files for name in imports(path)}
+    known = ROSDEP_KEYS.keys() | ROS_PACKAGES | OPTIONAL | sys.stdlib_module_names
+    assert imported - known == {'panodepth_ros'}
+    needed = {
+        ROSDEP_KEYS.get(name, name) for name in imported & (ROSDEP_KEYS.keys() | ROS_PACKAGES)
+    }
+    assert needed <= named
 
 
 def test_version_is_the_same_everywhere():
