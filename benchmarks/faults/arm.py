@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,14 +22,11 @@ class FaultyController(SimulatedController):
 
     def displace(self, azimuth: float) -> None:
         """Turn the arm, standing or not, by an angle [rad] that the controller does not count."""
-        self._zero += azimuth
-        self._blocks = deque((end + azimuth, speed) for end, speed in self._blocks)
-        self._pieces = [p._replace(azimuth=p.azimuth + azimuth) for p in self._pieces]
-        self._publish(self._pieces)
+        self._motor.displace(azimuth)
 
     def put_right(self) -> float:
         """Turn the arm to where the controller's count says that it stands; return how far."""
-        off = -math.remainder(self._zero, 2 * math.pi)
+        off = -math.remainder(self._motor.zero, 2 * math.pi)
         self.displace(off)
         return off
 

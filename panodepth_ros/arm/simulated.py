@@ -16,17 +16,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections import deque
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from panodepth_ros.arm import grbl
-from panodepth_ros.arm.motion import brake, chain, state_at
+from panodepth_ros.arm.motion import chain
 from panodepth_ros.arm.simulated_gcode import RefusedLineError, words_of
 from panodepth_ros.arm.simulated_index import IndexMark
+from panodepth_ros.arm.simulated_motor import SimulatedMotor
 from panodepth_ros.arm.simulated_settings import Modes, default_settings
-from panodepth_ros.arm.truth import CAPACITY, Piece
+from panodepth_ros.arm.truth import Piece
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 UNLOCK_HINT = b"[MSG:'$H'|'$X' to unlock]\r\n"
@@ -41,7 +41,7 @@ _NEVER = math.inf
 
 class SimulatedController:
     """
-    The firmware and the arm.
+    The firmware; the arm it drives is a :class:`SimulatedMotor`.
 
     Parameters
     ----------
@@ -73,27 +73,23 @@ class SimulatedController:
     ) -> None:
         self.settings = default_settings() if settings is None else settings
         self._boot_time = boot_time
-        self._publish = publish
         self._home_position = home_position
-        self._mark = None if index is None else IndexMark(*index)
+        mark = None if index is None else IndexMark(*index)
+        self._motor = SimulatedMotor(self.settings, publish, mark)
         self._work_offset = np.float32(work_offset)
-        self._pieces = [Piece(-math.inf, 0.0)]
-        self._zero = 0.0  # true azimuth of machine position 0 [rad]
         self._output = bytearray()
         self._state = 'Boot'
         self._boot_at = _NEVER
         self._dwell_until = _NEVER
-        self._motion_end = _NEVER
-        self._contact_at = _NEVER
         self._clear()
 
     # What the outside does.
 
     def power_up(self, now: float) -> None:
         """Start as after power-up: the count is 0 wherever the arm stands."""
-        if self._moving(now):
-            self._kill_motor(now)
-        self._zero = state_at(self._pieces, now)[0]
+        if self._motor.moving(now):
+            self._motor.kill(now)
+        self._motor.zero = self._motor.state(now)[0]
         self._output.clear()
         self._clear()
         self._state = 'Boot'
@@ -126,7 +122,7 @@ class SimulatedController:
             if due == self._boot_at:
                 self._boot_at = _NEVER
                 self._begin('Alarm' if self.settings[22] else 'Idle')
-            elif due == self._contact_at:
+            elif due == self._motor.contact_at:
                 self._contact(due)
             elif due == self._dwell_until:
                 self._dwell_until = _NEVER
@@ -136,9 +132,7 @@ class SimulatedController:
 
     def next_event(self) -> float:
         """When something happens by itself [s]; +inf if nothing will."""
-        block_end = self._block_ends[0] if self._block_ends else _NEVER
-        ends = block_end, self._motion_end, self._dwell_until, self._contact_at
-        return min(self._boot_at, *ends)
+        return min(self._boot_at, self._dwell_until, self._motor.next_event())
 
     def take_output(self) -> bytes:
         """Return what was sent since the last call."""
@@ -148,43 +142,37 @@ class SimulatedController:
 
     def raise_alarm(self, code: int, now: float) -> None:
         """Go into alarm, as when a limit switch is hit (code 1)."""
-        self._kill_motor(now)
+        self._motor.kill(now)
         self._alarm(code)
 
     def slip(self, degrees: float, now: float) -> None:
         """Turn the standing arm by an angle that is not counted, as lost motor steps do."""
-        self._zero += math.radians(degrees)
-        self._move([Piece(now, self._pieces[-1].azimuth + math.radians(degrees))])
-        self._motion_end = _NEVER
+        self._motor.slip(math.radians(degrees), now)
 
     # Firmware: start, reset, alarm.
 
     def _clear(self) -> None:
         self._received = bytearray()
         self._modes = Modes()
-        self._blocks: deque[tuple[float, float]] = deque()  # target [rad], speed [rad/s]
-        self._block_ends: deque[float] = deque()  # when each block is over, unless braked
+        self._motor.clear()
         self._waiting: Callable[[float], bool] | None = None
-        self._motion_end = _NEVER
         self._dwell_until = _NEVER
         self._critical = False
         self._offset_countdown = 0
-        self._probing = False
-        self._contact_at = _NEVER
         self._probed: int | None = None  # motor steps
 
     def _begin(self, state: str) -> None:
         self._state = state
-        self._modes.position = np.float32(self._steps()) / np.float32(self.settings[100])
+        self._modes.position = self._count()
         self._output += BANNER
         if state == 'Alarm':
             self._output += UNLOCK_HINT
 
     def _reset(self, now: float) -> None:
         state = 'Alarm' if self._state == 'Alarm' else 'Idle'
-        if self._state == 'Home' or self._moving(now):
+        if self._state == 'Home' or self._motor.moving(now):
             homing = self._state == 'Home'
-            self._kill_motor(now)
+            self._motor.kill(now)
             self._output += f'ALARM:{6 if homing else 3}\r\n'.encode()
             state = 'Alarm'
         if (
@@ -213,27 +201,27 @@ class SimulatedController:
             self._report(now)
         elif byte == grbl.FEED_HOLD and self._state in ('Idle', 'Run'):
             if self._state == 'Run':
-                self._brake(now)
+                self._motor.brake(now)
             self._state = 'Hold'
         elif self._state == 'Jog' and byte in (grbl.FEED_HOLD, grbl.JOG_CANCEL):
-            self._brake(now)
-            self._blocks.clear()
-        elif byte == grbl.CYCLE_START and self._state == 'Hold' and not self._moving(now):
+            self._motor.brake(now)
+            self._motor.blocks.clear()
+        elif byte == grbl.CYCLE_START and self._state == 'Hold' and not self._motor.moving(now):
             self._state = 'Idle'
             self._start_motion(now)
 
     def _report(self, now: float) -> None:
         state = self._state
         if state == 'Hold':
-            state += ':1' if self._moving(now) else ':0'
-        azimuth, velocity = state_at(self._pieces, now)
-        machine = np.float32(self._steps(azimuth)) / np.float32(self.settings[100])
+            state += ':1' if self._motor.moving(now) else ':0'
+        azimuth, velocity = self._motor.state(now)
+        machine = np.float32(self._motor.steps(azimuth)) / np.float32(self.settings[100])
         work = not int(self.settings[10]) & 1
         position = machine - self._work_offset if work else machine
         feed = abs(math.degrees(velocity)) * 60.0
         fields = f'{state}|{"WPos" if work else "MPos"}:{self._coordinates(position)}'
         fields += f'|FS:{feed / 25.4:.1f},0' if self.settings[13] else f'|FS:{feed:.0f},0'
-        if self._probe_pin(now):
+        if self._motor.contact(now):
             fields += '|Pn:P'
         if self._offset_countdown == 0:
             fields += f'|WCO:{self._coordinates(self._work_offset)}'
@@ -379,7 +367,7 @@ class SimulatedController:
 
         def over(moment: float) -> bool:
             nonlocal seconds
-            if self._blocks or self._state != 'Idle':
+            if self._motor.blocks or self._state != 'Idle':
                 return False
             if seconds > 0.0:
                 self._dwell_until = moment + seconds
@@ -392,8 +380,8 @@ class SimulatedController:
         if self.settings[20] and not -self.settings[130] <= target <= 0.0:
             if jog:
                 raise RefusedLineError(15)
-            if self._moving(now):
-                self._brake(now)
+            if self._motor.moving(now):
+                self._motor.brake(now)
             self._alarm(2)
             return
         if abs(target) > _FARTHEST:
@@ -403,20 +391,20 @@ class SimulatedController:
         speed = math.radians(min(feed, self.settings[110]) / 60.0)
 
         def planned(moment: float) -> bool:
-            if len(self._blocks) >= _PLANNER_BLOCKS:
+            if len(self._motor.blocks) >= _PLANNER_BLOCKS:
                 return False
-            last = self._blocks[-1][0] if self._blocks else self._pieces[-1].azimuth
-            if steps != self._steps(last):
-                self._blocks.append((self._azimuth_of(steps), speed))
-                if self._block_ends:  # the moving arm need not stop before this block
-                    self._plan(moment)
+            last = self._motor.blocks[-1][0] if self._motor.blocks else self._motor.end
+            if steps != self._motor.steps(last):
+                self._motor.blocks.append((self._motor.azimuth_of(steps), speed))
+                if self._motor.planned:  # the moving arm need not stop before this block
+                    self._motor.plan(moment)
             return True
 
         if not planned(now):
             self._waiting = planned
-        if jog and self._blocks and self._state == 'Idle':
+        if jog and self._motor.blocks and self._state == 'Idle':
             self._state = 'Jog'
-            self._plan(now)
+            self._motor.plan(now)
 
     def _probe(self, target: np.float32, feed: float, now: float, code: int) -> None:
         away, tolerant = code in (384, 385), code in (383, 385)
@@ -426,46 +414,43 @@ class SimulatedController:
 
         def over(moment: float) -> bool:
             nonlocal started
-            if self._blocks or self._state != 'Idle':
+            if self._motor.blocks or self._state != 'Idle':
                 return False
             if not started:
-                if self._probe_pin(moment) != away:
+                if self._motor.contact(moment) != away:
                     self._output += b'ALARM:4\r\n'
                     self._state = 'Alarm'
                     return True
-                started = self._probing = True
+                started = self._motor.watching = True
                 self._probed = None
                 self._line(target, feed, moment, jog=False)
                 self._start_motion(moment)
-                return not self._blocks and not self._probing  # soft limits may have refused it
-            self._probing = False
+                # Soft limits may have refused it.
+                return not self._motor.blocks and not self._motor.watching
+            self._motor.watching = False
             found = self._probed is not None
             if not found and not tolerant:
                 self._output += b'ALARM:5\r\n'
                 self._state = 'Alarm'
-            self._probed = self._steps() if self._probed is None else self._probed
+            self._probed = self._motor.steps() if self._probed is None else self._probed
             where = np.float32(self._probed) / np.float32(self.settings[100])
             self._output += f'[PRB:{self._coordinates(where)}:{found:d}]\r\n'.encode()
-            self._modes.position = np.float32(self._steps()) / np.float32(self.settings[100])
+            self._modes.position = self._count()
             return True
 
         self._waiting = over
 
     def _contact(self, now: float) -> None:
         """Note where the probe input changed, and brake."""
-        self._contact_at = _NEVER
-        self._probing = False
-        self._probed = self._steps(state_at(self._pieces, now)[0])
-        self._blocks.clear()
-        self._brake(now)
-
-    def _probe_pin(self, now: float) -> bool:
-        return self._mark is not None and self._mark.active(state_at(self._pieces, now)[0])
+        self._motor.watching = False
+        self._probed = self._motor.steps(self._motor.state(now)[0])
+        self._motor.blocks.clear()
+        self._motor.brake(now)
 
     def _home(self, now: float) -> None:
         if not self.settings[22]:
             raise RefusedLineError(5)
-        here = state_at(self._pieces, now)[0]
+        here = self._motor.state(now)[0]
         reach = 1.5 * math.radians(self.settings[130])
         found = self._home_position is not None
         end = math.radians(self._home_position or 0.0) if found else here + reach
@@ -478,7 +463,7 @@ class SimulatedController:
                 self._critical = False
                 self._begin('Alarm')
                 return False
-            self._zero = end + math.radians(self.settings[27])
+            self._motor.zero = end + math.radians(self.settings[27])
             self._modes.position = np.float32(-self.settings[27])
             return True
 
@@ -487,70 +472,22 @@ class SimulatedController:
         speed = math.radians(self.settings[25] / 60.0)
         acceleration = math.radians(self.settings[120])
         moves = [(end, speed)] if end != here else []
-        self._move(chain(now, here, 0.0, moves, acceleration)[0])
+        self._motor.follow(chain(now, here, 0.0, moves, acceleration)[0])
 
     # The motor.
 
-    def _steps(self, azimuth: float | None = None) -> int:
-        if azimuth is None:
-            azimuth = self._pieces[-1].azimuth
-        return round(math.degrees(azimuth - self._zero) * self.settings[100])
-
-    def _azimuth_of(self, steps: int) -> float:
-        return self._zero + math.radians(steps / self.settings[100])
-
-    def _moving(self, now: float) -> bool:
-        return now < self._motion_end < _NEVER
-
     def _start_motion(self, now: float) -> None:
-        if self._blocks:
+        if self._motor.blocks:
             self._state = 'Run'
-            self._plan(now)
-
-    def _plan(self, now: float) -> None:
-        """Move through all blocks, from how the arm moves now."""
-        azimuth, velocity = state_at(self._pieces, now)
-        acceleration = math.radians(self.settings[120])
-        pieces, ends = chain(now, azimuth, velocity, self._blocks, acceleration)
-        self._move(pieces)
-        self._block_ends.extend(ends)
-
-    def _brake(self, now: float) -> None:
-        azimuth, velocity = state_at(self._pieces, now)
-        grid = math.radians(1.0 / self.settings[100])
-        acceleration = math.radians(self.settings[120])
-        self._move(brake(now, azimuth, velocity, acceleration, grid, self._zero))
-
-    def _kill_motor(self, now: float) -> None:
-        """Stop the pulses at once: the count stays, the arm slips on by its momentum."""
-        azimuth, velocity = state_at(self._pieces, now)
-        counted = self._azimuth_of(self._steps(azimuth))
-        slip = velocity * abs(velocity) / (4.0 * math.radians(self.settings[120]))
-        self._zero += slip
-        self._move([Piece(now, counted + slip)])
-        self._motion_end = _NEVER
-
-    def _move(self, pieces: list[Piece]) -> None:
-        past = [piece for piece in self._pieces if piece.begin < pieces[0].begin]
-        self._pieces = (past + pieces)[-CAPACITY:]
-        self._motion_end = pieces[-1].begin
-        self._block_ends.clear()
-        self._contact_at = _NEVER
-        if self._probing and self._mark is not None:
-            begin = pieces[0].begin
-            self._contact_at = self._mark.changes_at(self._pieces, begin, self._motion_end)
-        self._publish(self._pieces)
+            self._motor.plan(now)
 
     def _end_block(self, now: float) -> None:
-        if self._block_ends and self._block_ends[0] <= now:
-            self._block_ends.popleft()
-            self._blocks.popleft()
-        if now >= self._motion_end:
-            self._end_motion()
+        if self._motor.end_block(now):
+            if self._state == 'Jog':
+                self._modes.position = self._count()
+            if self._state in ('Run', 'Jog', 'Home'):
+                self._state = 'Idle'
 
-    def _end_motion(self) -> None:
-        self._motion_end = _NEVER
-        if self._state == 'Jog':
-            self._modes.position = np.float32(self._steps()) / np.float32(self.settings[100])
-        if self._state in ('Run', 'Jog', 'Home'):
-            self._state = 'Idle'
+    def _count(self) -> np.float32:
+        """Machine position where the arm stands, or will stand when it has moved."""
+        return np.float32(self._motor.steps()) / np.float32(self.settings[100])
