@@ -93,7 +93,16 @@ class DynamixelBus:
         return int.from_bytes(self.read_block(address, length), 'little')
 
     def read_block(self, address: int, length: int) -> bytes:
-        """Read bytes of the control table."""
+        """
+        Read bytes of the control table.
+
+        Raises
+        ------
+        ArmProtocolError
+            If the answer has another length.
+        ArmError
+            If the servo does not answer, refuses, or the port is gone.
+        """
         data: list[int] = []
 
         # Not the SDK's readTxRx, which takes the CRC of a short answer for values.

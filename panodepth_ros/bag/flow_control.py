@@ -88,7 +88,14 @@ class FlowControl:
         self._ask({name for publisher in publishers for name in self._subscribers(publisher)})
 
     def wait_for_acknowledgement(self, publishers: Collection[Publisher]) -> None:
-        """Wait until every reliable subscriber has in its queue what was sent; see `wait`."""
+        """
+        Wait until every reliable subscriber has in its queue what was sent.
+
+        Raises
+        ------
+        BagError
+            If one acknowledges nothing for ``PATIENCE`` seconds.
+        """
         deadline = time.monotonic() + PATIENCE
         for publisher in publishers:
             while not publisher.wait_for_all_acked(Duration(seconds=POLL)):

@@ -38,7 +38,14 @@ def rosbags(module: str) -> Any:
 
 @contextmanager
 def reported(path: Path) -> Iterator[None]:
-    """Turn whatever rosbags raises about a damaged bag into a sentence that names it."""
+    """
+    Turn whatever rosbags raises about a damaged bag into a sentence that names it.
+
+    Raises
+    ------
+    BagError
+        That sentence.
+    """
     try:
         yield
     except BagError:
@@ -237,7 +244,14 @@ class BagWriter:
         )
 
     def write(self, topic: str, time: int, data: bytes | memoryview) -> None:
-        """Append a serialised message, received at a time in nanoseconds since the epoch."""
+        """
+        Append a serialised message, received at a time in nanoseconds since the epoch.
+
+        Raises
+        ------
+        BagError
+            If it cannot be written, as on a full disk.
+        """
         try:
             self._writer.write(self._connections[topic], time, data)
         except OSError as error:

@@ -158,5 +158,5 @@ def check_size(image: Image, size: tuple[int, int], name: str) -> None:
 
 
 def to_grey(image: Image) -> Image:
-    """Grey of a colour frame; a grey one as it is."""
+    """Grey of a colour frame, shape (H, W, 3) to (H, W); a grey one as it is."""
     return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)

@@ -52,7 +52,7 @@ def save_depth(depth: npt.NDArray[np.floating[Any]], path: Path, *, farthest: fl
 
 
 def save_confidence(confidence: npt.NDArray[np.floating[Any]], path: Path) -> None:
-    """Write a confidence map; values as of :func:`save_depth`, from 0 to 1."""
+    """Write a confidence map, shape (H, W), from 0 to 1 and NaN for unknown, as a picture."""
     _panorama(confidence, path, 'confidence', 0.0, 1.0, 'viridis')
 
 

@@ -71,7 +71,7 @@ def vertices(
 
 def write_ply(path: Path, points: npt.NDArray[np.void]) -> None:
     """
-    Write vertices, made by :func:`vertices`, as a PLY file.
+    Write vertices, shape (M,), made by :func:`vertices`, as a PLY file.
 
     Raises
     ------

@@ -33,6 +33,11 @@ def view_angle(image_width: int, shift_px: float, rotation: float) -> float:
     float
         View angle [rad]. The equation is linear in the image column; a pinhole is not, see
         :meth:`panodepth_ros.geometry.camera.PinholeCamera.ray_angle`.
+
+    Raises
+    ------
+    ValueError
+        If ``shift_px`` is not above 0.
     """
     if shift_px <= 0:
         raise ValueError(f'shift_px is {shift_px}; allowed: above 0')
@@ -117,6 +122,11 @@ def radial_distance(theta: npt.ArrayLike, *, arm_radius: float, principal_angle:
     -------
     ndarray of float64
         l = r·sin φ / sin(φ − θ) [m]; +inf at θ = φ, NaN beyond (the rays diverge) and for θ < 0.
+
+    Raises
+    ------
+    ValueError
+        If ``arm_radius`` or ``principal_angle`` is outside of its interval.
     """
     if arm_radius <= 0:
         raise ValueError(f'arm_radius is {arm_radius} m; allowed: above 0')
@@ -240,6 +250,11 @@ def needed_viewing_circle(allowed_error: float, distance: float, column_step: fl
     float
         r0 = r·sin φ [m]: any arm radius and principal angle of this product will do. Larger
         circles have smaller errors.
+
+    Raises
+    ------
+    ValueError
+        If ``allowed_error`` or ``distance`` is not above 0.
 
     Notes
     -----

@@ -72,7 +72,7 @@ class Mounting:
         return np.asarray(np.tensordot(self.rotation.T, direction, axes=1))
 
     def to_arm(self, direction: Array) -> Array:
-        """Turn directions from the camera to the arm, the inverse of :meth:`to_camera`."""
+        """Turn directions, shape (3, …), from camera to arm, the inverse of :meth:`to_camera`."""
         return np.asarray(np.tensordot(self.rotation, direction, axes=1))
 
 

@@ -123,13 +123,13 @@ class PanoramaGeometry:
         return azimuth + np.where(np.isfinite(turn), turn, 0.0)
 
     def stripe_turn(self, ray_angle: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """By how much a ray's azimuth exceeds that of the principal ray at its place [rad]."""
+        """By how much rays' azimuths exceed those of the principal rays there [rad], any shape."""
         lever = self.arm_radius / self.stripe_distance
         principal = math.asin(lever * math.sin(self.principal_angle))
         return np.asarray(np.arcsin(lever * np.sin(ray_angle)) - principal)
 
     def ray_angle_at(self, column: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Ray angle at real columns, linear between neighbours; NaN at NaN, beside unseen ones."""
+        """Ray angle [rad] at real columns, any shape, linear between; NaN at NaN and unseen ones."""
         matched = np.isfinite(column)
         whole = np.floor(np.where(matched, column, 0.0))
         share = np.where(matched, column, 0.0) - whole

@@ -52,7 +52,7 @@ def painted(colour: Colour, *layers: npt.NDArray[np.floating]) -> Plane:
 
 
 def finish(plane: Plane) -> Picture:
-    """Round to grey levels; what is out of range is cut off."""
+    """Round to grey levels, same shape; what is out of range is cut off."""
     return np.ascontiguousarray(np.clip(plane, 0, 255).round(), np.uint8)
 
 
