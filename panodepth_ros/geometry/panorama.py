@@ -129,7 +129,7 @@ class PanoramaGeometry:
         return np.asarray(np.arcsin(lever * np.sin(ray_angle)) - principal)
 
     def ray_angle_at(self, column: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Ray angle [rad] at real columns, any shape, linear between; NaN at NaN and unseen ones."""
+        """Ray angle [rad] at real columns, any shape, linear between; NaN at NaN and by unseen."""
         matched = np.isfinite(column)
         whole = np.floor(np.where(matched, column, 0.0))
         share = np.where(matched, column, 0.0) - whole
