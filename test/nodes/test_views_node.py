@@ -2,6 +2,7 @@
 
 import importlib.util
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
-from panodepth_ros.geometry import PanoramaGeometry
+from panodepth_ros.geometry import PanoramaGeometry, locate
 from panodepth_ros.geometry.pinhole_views import ring_of_faces
 from panodepth_ros.nodes.views import Views, ViewsParameters
 from panodepth_ros.ros.images import to_array, to_message
@@ -113,6 +114,39 @@ def test_wall_around_the_axis_is_a_wall_in_every_view(ros):
         assert (image[np.isfinite(depth)] == (10, 20, 30)).all()
         assert got[f'view_{k}/depth'].encoding == '32FC1'
         assert got[f'view_{k}/image'].encoding == 'bgr8'
+
+
+def test_stripes_show_things_where_each_column_saw_them(ros):
+    # Of a striped panorama a column looks along a ray of its own. A wall striped like a zebra then
+    # is what it is in the views, too, though far from where the stripes of frames join.
+    stripe = 9
+    turned = (np.arange(COLUMNS) % stripe - (stripe - 1) / 2) * STEP
+    striped = replace(geometry(), ray_angle=turned - PHI)
+    wall = np.full((ROWS, COLUMNS), 0.8)
+
+    def shade(azimuth):
+        return 128 + 100 * np.sin(10 * azimuth)
+
+    bench = Bench(ros)
+    bench.send(
+        **{
+            'left/image': to_message(
+                np.rint(shade(locate(wall, striped).azimuth)).astype(np.uint8), 'mono8'
+            ),
+            'depth/image': to_message(wall.astype(np.float32), '32FC1'),
+            'depth/camera_info': panorama_info(striped, Header()),
+        }
+    )
+    got = bench.results()
+    off = []
+    for k in range(4):
+        camera = pinhole_camera(got[f'view_{k}/camera_info'])
+        row = to_array(got[f'view_{k}/image'])[round(camera.cy)]
+        seen = np.isfinite(to_array(got[f'view_{k}/depth'])[round(camera.cy)])
+        azimuth = k * math.pi / 2 - np.arctan((np.arange(camera.width) - camera.cx) / camera.fx)
+        off += list(np.abs(row - shade(azimuth))[seen])
+    assert len(off) > 300
+    assert np.mean(off) < 5.0  # half a column is 9, at most
 
 
 def test_faces_width_and_frames_are_parameters(ros):
