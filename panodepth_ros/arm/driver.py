@@ -5,11 +5,6 @@ Commands run in the thread that calls them, one at a time. A motion is over when
 it is answered (``ok`` of the move itself only means parsed) and two status reports, the second one
 asked for after the settle time, agree on the target.
 
-Braking without losing the count takes three steps: feed hold ``!``, wait for ``Hold:0``, soft
-reset. The reset then drops the rest of the motion but keeps the position, whereas a reset of a
-moving arm stops the pulses at once and loses it. A jog could be cancelled by one byte, but its
-end has no barrier: lines are refused while it runs.
-
 Commands raise errors and leave the arm standing. When the position becomes uncertain (reboot,
 alarm), every motion but :meth:`GrblArm.home` is refused until the arm was homed.
 """
@@ -25,6 +20,7 @@ from contextlib import contextmanager, suppress
 from typing import NoReturn
 
 from panodepth_ros.arm import grbl
+from panodepth_ros.arm.braking import Brake
 from panodepth_ros.arm.errors import (
     ArmAlarmError,
     ArmBusyError,
@@ -40,9 +36,6 @@ from panodepth_ros.arm.reports import Report, Reports
 from panodepth_ros.arm.spin import Leg
 
 _LOGGER = logging.getLogger(__name__)
-
-#: Status period while the arm brakes [s].
-_BRAKE_PERIOD = 0.02
 
 
 class GrblArm:
@@ -113,15 +106,16 @@ class GrblArm:
         self._closing = threading.Lock()  # held for ever once closed
         self._link = GrblLink(port, baud_rate, response_timeout)
         self._reports = Reports(self._link, axis, clock, listener)
+        self._brake = Brake(self._link, self._reports, settle_time)
         try:
             if not self._link.greet(boot_timeout):
-                self._brake()  # another program may have left it moving
+                self._brake.hold()  # another program may have left it moving
                 self._link.reset()
             self._link.require_version()
             self._link.ask(grbl.READ_SETTINGS)
             self._reports.require_axis()
             self._fastest = math.radians(self._setting(110) / 60.0)
-            self._speed = min(speed, self._fastest)
+            self._speed = self._brake.speed = min(speed, self._fastest)
             self._check_state()
         except BaseException:
             self._link.disconnect()
@@ -220,7 +214,7 @@ class GrblArm:
         """
         with self._command():
             if self.doubt or self._setting(22):
-                self._halt()
+                self._brake.halt()
             if self._index_within is not None:
                 self._search_index(self._index_within)
                 return self._move(0.0)
@@ -283,7 +277,7 @@ class GrblArm:
                 if leg.run(start, end, lambda: self.status_period, changed, accept):
                     self._link.moving = False
                 else:
-                    self._halt()
+                    self._brake.halt()
                     wanted = way = speed()
                 start = self._standing()
 
@@ -309,7 +303,7 @@ class GrblArm:
         self.interrupt()
         with self._command(wait=True):
             try:
-                self._halt()
+                self._brake.halt()
             except (ArmAlarmError, ArmPositionError):
                 return None  # the controller has stopped the motor by itself
             return None if self.doubt else self._reports.stand(self._reports.ask_standing())
@@ -363,7 +357,7 @@ class GrblArm:
         except (ArmTimeoutError, ArmProtocolError):
             if self._link.moving:  # the arm must not go on by itself
                 with suppress(ArmError):
-                    self._halt()
+                    self._brake.halt()
             raise
         finally:
             self._busy.release()
@@ -438,43 +432,6 @@ class GrblArm:
         )
         self._reports.zero += search.run()
         self._link.trust_position()
-
-    def _halt(self) -> None:
-        """Brake, drop all motions, and wait until the arm stands."""
-        restart = self._link.moving or bool(self.doubt)
-        if self._brake() != 'Idle' or restart:
-            self._link.reset()
-        self._link.moving = False
-        self._sleep(self._settle_time)
-
-    def _brake(self) -> str:
-        """Hold the feed until the arm stands; return the controller's state then."""
-        deadline = time.monotonic() + self._link.response_timeout + self._braking_time()
-        while True:
-            if self._link.moving:
-                self._link.write(grbl.FEED_HOLD)
-            try:
-                report = self._reports.ask()
-            except ArmTimeoutError:
-                if not self.doubt:
-                    raise
-                return 'Alarm'  # some alarms answer nothing but a reset
-            if not report.status.moves:
-                return report.status.state
-            if time.monotonic() > deadline:
-                raise ArmTimeoutError(
-                    f'arm on port {self.port} does not stop; the controller reports '
-                    f'{report.status.state}'
-                )
-            self._link.moving = True
-            self._reports.move(report)
-            time.sleep(_BRAKE_PERIOD)
-
-    def _braking_time(self) -> float:
-        acceleration = math.radians(self._setting(120))
-        if acceleration <= 0.0:  # not yet known
-            return 5.0
-        return max(self._speed, abs(self._reports.velocity)) / acceleration
 
     def _sleep(self, seconds: float) -> None:
         self._link.until(lambda: False, seconds)
