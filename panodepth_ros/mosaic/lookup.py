@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -88,6 +88,27 @@ class _Table(NamedTuple):
     exact: bool
 
 
+def _positions(
+    camera: PinholeCamera, slope: npt.NDArray[np.float64], ray_angle: float, row_turn: float
+) -> _Table | None:
+    height, width = camera.height, camera.width
+    u, v = camera.project(ray_angle, slope)
+    if row_turn:
+        # A row that is exposed later sees the same azimuth at a smaller angle to the arm.
+        behind = ray_angle - row_turn * (v - 0.5 * (height - 1))
+        u, v = camera.project(behind, slope)
+    if not (u.min() >= -_HALF_PIXEL and u.max() <= width - 1 + _HALF_PIXEL):
+        return None
+    u, v = np.clip(u, 0, width - 1), np.clip(v, 0, height - 1)
+    left, top = np.rint(u).astype(np.intp), np.rint(v).astype(np.intp)
+    exact = max(np.abs(u - left).max(), np.abs(v - top).max()) < _EXACT
+    if not exact:
+        left = np.minimum(np.floor(u), max(width - 2, 0)).astype(np.intp)
+        top = np.minimum(np.floor(v), max(height - 2, 0)).astype(np.intp)
+    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+    return _Table(top, left, bottom, right, v - top, u - left, exact)
+
+
 class ColumnLookup:
     """
     Samples frames along the rays of one panorama's columns.
@@ -103,9 +124,9 @@ class ColumnLookup:
     """
 
     def __init__(self, camera: PinholeCamera, slope: npt.NDArray[np.float64]) -> None:
-        self._camera = camera
-        self._slope = slope
-        self._table = lru_cache(maxsize=_TABLES)(self._positions)
+        # Of no method: a lookup that refers to itself would keep its positions until garbage is
+        # collected, which comes late where objects are few, though large.
+        self._table = lru_cache(maxsize=_TABLES)(partial(_positions, camera, slope))
 
     def column(self, image: Image, ray_angle: float, row_turn: float = 0.0) -> Image | None:
         """
@@ -138,24 +159,6 @@ class ColumnLookup:
         below = image[bottom, left] * (1 - share_u) + image[bottom, right] * share_u
         mixed = above * (1 - share_v) + below * share_v
         return np.asarray(np.rint(mixed), dtype=np.uint8)
-
-    def _positions(self, ray_angle: float, row_turn: float) -> _Table | None:
-        height, width = self._camera.height, self._camera.width
-        u, v = self._camera.project(ray_angle, self._slope)
-        if row_turn:
-            # A row that is exposed later sees the same azimuth at a smaller angle to the arm.
-            behind = ray_angle - row_turn * (v - 0.5 * (height - 1))
-            u, v = self._camera.project(behind, self._slope)
-        if not (u.min() >= -_HALF_PIXEL and u.max() <= width - 1 + _HALF_PIXEL):
-            return None
-        u, v = np.clip(u, 0, width - 1), np.clip(v, 0, height - 1)
-        left, top = np.rint(u).astype(np.intp), np.rint(v).astype(np.intp)
-        exact = max(np.abs(u - left).max(), np.abs(v - top).max()) < _EXACT
-        if not exact:
-            left = np.minimum(np.floor(u), max(width - 2, 0)).astype(np.intp)
-            top = np.minimum(np.floor(v), max(height - 2, 0)).astype(np.intp)
-        right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-        return _Table(top, left, bottom, right, v - top, u - left, exact)
 
 
 def snapped(ray_angle: float, principal_angle: float) -> float:

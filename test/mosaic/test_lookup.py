@@ -1,6 +1,8 @@
 """One column out of a frame, against an image whose grey levels are linear in u and v."""
 
+import gc
 import math
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -133,3 +135,16 @@ def test_rolled_columns_lose_the_rows_that_leave_the_image_at_its_side():
     for offset in (8.0, -8.0):
         slope = (4.0 - np.arange(first, first + count)) / focal_length(CAMERA, offset)
         assert ColumnLookup(rolled, slope).column(LINEAR, CAMERA.ray_angle(offset)) is not None
+
+
+def test_lookup_is_gone_as_soon_as_nobody_refers_to_it():
+    # Else the mosaicer of an arm that never stops grows by its sampling positions with each turn.
+    gc.disable()
+    try:
+        lookup = ColumnLookup(CAMERA, rows_of(0.0))
+        lookup.column(LINEAR, 0.1)
+        gone = weakref.ref(lookup)
+        del lookup
+        assert gone() is None
+    finally:
+        gc.enable()
