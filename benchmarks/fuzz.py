@@ -1,5 +1,5 @@
 """
-Random and mutated bytes through the parsers of what controllers send: no crash, no growth.
+Random and mutated bytes through the parsers of all that comes from outside: no crash, no growth.
 
     python -m benchmarks.fuzz --inputs 1000000
 """
@@ -7,12 +7,19 @@ Random and mutated bytes through the parsers of what controllers send: no crash,
 from __future__ import annotations
 
 import argparse
+import os
 import random
+import resource
+import tempfile
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
+from pathlib import Path
+from typing import NamedTuple
 
+from benchmarks import fuzz_files as files
+from benchmarks.report import table
 from panodepth_ros.arm import grbl
 from panodepth_ros.arm.dynamixel_bus import DynamixelBus
 from panodepth_ros.arm.errors import ArmError
@@ -127,19 +134,84 @@ def impatient_bus(memory: Memory) -> DynamixelBus:
     return bus
 
 
+class Kind(NamedTuple):
+    """
+    What is fuzzed.
+
+    Attributes
+    ----------
+    name : str
+        For the table.
+    share : float
+        Of all inputs; what takes milliseconds has fewer.
+    check : callable
+        Raises if an input does harm.
+    seeds : tuple of bytes
+        Good ones.
+    """
+
+    name: str
+    share: float
+    check: Callable[[bytes], None]
+    seeds: tuple[bytes, ...]
+
+
+def kinds(folder: Path) -> list[Kind]:
+    """Return all kinds; files are written into a folder."""
+    memory, state = Memory(), files.state(folder)
+    bus = impatient_bus(memory)
+    made = [
+        Kind('GRBL', 0.4, partial(check_grbl, grbl.LineAssembler()), GRBL),
+        Kind('Dynamixel', 0.3, partial(check_dynamixel, bus, memory), DYNAMIXEL),
+        Kind('compressed frames', 0.2, files.check_frame, files.frames()),
+        Kind(
+            'calibration files',
+            0.03,
+            partial(files.check_calibration, folder),
+            (files.calibration(folder),),
+        ),
+        Kind('state files', 0.02, partial(files.check_state, folder), (state,)),
+    ]
+    for name in ('about.npy', 'azimuths.npy', 'left.image.npy'):
+
+        def check(data: bytes, name: str = name) -> None:
+            files.check_state(folder, files.with_member(state, name, data))
+
+        made.append(Kind(f'{name} in state files', 0.01, check, (files.member(state, name),)))
+    for storage, suffix in (('mcap', '.mcap'), ('sqlite3', '.db3')):
+        check_bag = partial(files.check_bag, folder / f'fuzzed{suffix}')
+        made.append(Kind(f'bags, {storage}', 0.01, check_bag, (files.bag(folder, storage),)))
+    return made
+
+
+@contextmanager
+def silence() -> Iterator[None]:
+    """Let libraries in C not complain of each picture."""
+    stderr, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nothing, 2)
+        yield
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
+        os.close(nothing)
+
+
 def main() -> None:
-    """Run both and print."""
+    """Run all kinds and print."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--inputs', type=int, default=1_000_000, help='of each kind')
+    parser.add_argument('--inputs', type=int, default=1_000_000, help='of all kinds')
     parser.add_argument('--seed', type=int, default=0)
     given = parser.parse_args()
-    memory = Memory()
-    for name, check, seeds in (
-        ('GRBL', partial(check_grbl, grbl.LineAssembler()), GRBL),
-        ('Dynamixel', partial(check_dynamixel, impatient_bus(memory), memory), DYNAMIXEL),
-    ):
-        slowest = run(given.inputs, check, seeds, given.seed)
-        print(f'{name}: {given.inputs} inputs, slowest {slowest * 1e3:.2f} ms')
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for kind in kinds(Path(folder)):
+            inputs = round(given.inputs * kind.share)
+            with silence():
+                slowest = run(inputs, kind.check, kind.seeds, given.seed)
+            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+            rows.append([kind.name, str(inputs), f'{slowest * 1e3:.1f}', f'{peak:.0f}'])
+    print(table(['', 'inputs', 'slowest ms', 'peak memory so far MB'], rows))
 
 
 if __name__ == '__main__':

@@ -11,7 +11,6 @@ import json
 import os
 import time
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -29,17 +28,6 @@ OLDEST = 120.0
 #: Bytes that a state has besides its panoramas, at most.
 _OVERHEAD = 1_000_000
 _FORMAT = 1
-#: What reading a damaged file raises besides ValueError.
-_DAMAGED = (
-    zipfile.BadZipFile,
-    zlib.error,
-    EOFError,
-    KeyError,
-    MemoryError,
-    OverflowError,
-    RuntimeError,
-    TypeError,
-)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -150,7 +138,9 @@ def load_state(path: Path, rig: Rig, camera: PinholeCamera) -> State | None:
         )
     except FileNotFoundError:
         return None
-    except _DAMAGED as error:
+    except (ValueError, OSError):
+        raise
+    except Exception as error:  # of zipfile, zlib, NumPy, tokenize, json …
         raise ValueError(f'{path} is no state of a sweep: {error}') from error
 
 

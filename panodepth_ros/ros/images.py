@@ -37,6 +37,8 @@ _CHANNELS |= {f'bayer_{pattern}': 1 for pattern in ('rggb', 'bggr', 'gbrg', 'grb
 _NAMED = re.compile(rf'({"|".join(_CHANNELS)})(8|16)')
 _YUV422 = ('uyvy', 'yuv422', 'yuyv', 'yuv422_yuy2')
 
+_PNG = b'\x89PNG\r\n\x1a\n'
+
 # OpenCV names a Bayer pattern by its second row's second and third pixel, ROS by its corner.
 _TO_BGR = {
     'rgb': cv2.COLOR_RGB2BGR,
@@ -246,7 +248,8 @@ def decompressed(message: CompressedImage) -> npt.NDArray[np.uint8]:
         raise ValueError(f'a compressed image of format {message.format!r} is no picture')
     data = np.frombuffer(message.data, np.uint8)
     try:
-        pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+        whole = data.size and not _is_cut_png(data.tobytes())
+        pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if whole else None
     except cv2.error:  # such as more pixels than OpenCV is willing to hold
         pixels = None
     if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
@@ -257,3 +260,13 @@ def decompressed(message: CompressedImage) -> npt.NDArray[np.uint8]:
     if pixels.ndim == 3 and pixels.shape[2] == 4:
         pixels = cv2.cvtColor(pixels, cv2.COLOR_BGRA2BGR)
     return _eight_bits(pixels)
+
+
+def _is_cut_png(data: bytes) -> bool:
+    """Whether a PNG's chunk claims more bytes than there are: OpenCV makes room for gigabytes."""
+    at = len(_PNG)
+    while data.startswith(_PNG) and at + 4 <= len(data):
+        at += 12 + int.from_bytes(data[at : at + 4], 'big')  # length, type, bytes, checksum
+        if at > len(data):
+            return True
+    return False

@@ -2,6 +2,7 @@
 
 import os
 import time
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -105,6 +106,19 @@ def test_damaged_state_is_refused_or_as_it_was(tmp_path, sweep):
         else:
             assert all(np.array_equal(found[n].image, whole[n].image) for n in whole)
     assert refused > 200
+
+
+def test_array_without_a_header_is_no_state(tmp_path, sweep):
+    save_state(tmp_path / 'good', sweep, 0.7)
+    with (
+        zipfile.ZipFile(tmp_path / 'good') as good,
+        zipfile.ZipFile(tmp_path / 'state', 'w') as bad,
+    ):
+        for name in good.namelist():
+            data = good.read(name)
+            bad.writestr(name, data.replace(b',)', b', ') if name == 'moments.npy' else data)
+    with pytest.raises(ValueError, match='is no state of a sweep'):
+        load_state(tmp_path / 'state', RIG, CAMERA)
 
 
 def test_state_larger_than_it_can_be_is_not_read(tmp_path, sweep):

@@ -362,8 +362,24 @@ def test_what_is_no_compressed_picture_is_refused(format: str, data: bytes, sent
         decompressed(Compressed(format, data))
 
 
-def test_compressed_picture_with_more_pixels_than_opencv_holds_is_refused() -> None:
+def test_compressed_picture_that_claims_too_many_pixels_is_refused() -> None:
     png = bytearray(file_of('.png', picture()))
     png[16:24] = struct.pack('>II', 2**20, 2**20)  # the size in IHDR
-    with pytest.raises(ValueError, match='cannot be decoded'):
-        decompressed(Compressed('png', bytes(png)))
+    jpeg = bytearray(file_of('.jpg', picture()))
+    size = jpeg.index(b'\xff\xc0') + 5  # of the frame, in the header that no checksum guards
+    jpeg[size : size + 4] = struct.pack('>HH', 20000, 20000)
+    for data in (png, jpeg):
+        with pytest.raises(ValueError, match='cannot be decoded'):
+            decompressed(Compressed('', bytes(data)))
+
+
+def test_cut_png_is_refused_before_opencv_makes_room_for_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    png = file_of('.png', picture())
+    monkeypatch.setattr(cv2, 'imdecode', lambda *_: pytest.fail('OpenCV was asked'))
+    at = png.index(b'IDAT') - 4
+    claiming = png[:at] + struct.pack('>I', 3_000_000_000) + png[at + 4 :]
+    for data in (png[:-1], claiming):
+        with pytest.raises(ValueError, match='cannot be decoded'):
+            decompressed(Compressed('', data))

@@ -24,11 +24,12 @@ def test_any_answer_of_a_servo_is_bytes_or_an_arm_error(answer):
     fuzz.check_dynamixel(fuzz.impatient_bus(memory), memory, answer)
 
 
-def test_mutated_answers_of_both_controllers_do_no_harm():
-    memory = fuzz.Memory()
-    bus, assembler = fuzz.impatient_bus(memory), grbl.LineAssembler()
-    fuzz.run(2000, lambda data: fuzz.check_grbl(assembler, data), fuzz.GRBL, seed=1)
-    fuzz.run(2000, lambda data: fuzz.check_dynamixel(bus, memory, data), fuzz.DYNAMIXEL, seed=1)
+def test_mutated_inputs_of_every_kind_do_no_harm(tmp_path):
+    kinds = fuzz.kinds(tmp_path)
+    assert sum(kind.share for kind in kinds) == pytest.approx(1.0)
+    for kind in kinds:
+        with fuzz.silence():
+            fuzz.run(round(5000 * kind.share), kind.check, kind.seeds, seed=1)
 
 
 def test_fuzzed_servo_answers_reach_the_values():
