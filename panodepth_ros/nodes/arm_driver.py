@@ -28,7 +28,7 @@ from panodepth_ros.arm.errors import (
 from panodepth_ros.arm.grid import StepGrid
 from panodepth_ros.arm.interface import Arm, ArmState
 from panodepth_ros.nodes.arm_settings import ArmDriverParameters, open_arm
-from panodepth_ros.ros import qos
+from panodepth_ros.ros import answers, qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, WARN, Report, publish_diagnostics
 from panodepth_ros.ros.parameters import declare_parameters
 from panodepth_ros.ros.process import run_node
@@ -137,13 +137,8 @@ class ArmDriver(Node):
         done: Future = Future(executor=self.executor)
 
         def answer(message: str, success: bool = True) -> None:
-            if done.done():
-                return
-            done.set_result((success, message))
-            executor = self.executor
-            if executor is not None:
-                with suppress(rclpy_implementation.InvalidHandle):  # it was shut down meanwhile
-                    executor.wake()
+            if not done.done():
+                answers.give(self, done, (success, message))
 
         def job() -> None:
             success = True

@@ -35,7 +35,7 @@ from panodepth_ros.camera.source import (
     SourceLostError,
 )
 from panodepth_ros.nodes.camera_settings import CameraParameters, open_source
-from panodepth_ros.ros import qos
+from panodepth_ros.ros import answers, qos
 from panodepth_ros.ros.diagnostics import ERROR, OK, WARN, Report, publish_diagnostics
 from panodepth_ros.ros.images import to_message
 from panodepth_ros.ros.parameters import declare_parameters
@@ -255,11 +255,7 @@ class CameraNode(Node):
 
     def _answer_settling(self, success: bool, words: str) -> None:
         while self._settling:
-            self._settling.pop().set_result((success, words))
-            executor = self.executor
-            if executor is not None:
-                with suppress(rclpy_implementation.InvalidHandle):  # it was shut down meanwhile
-                    executor.wake()
+            answers.give(self, self._settling.pop(), (success, words))
 
     def _report(self, trouble: str) -> None:
         if trouble != self._trouble:
