@@ -117,6 +117,16 @@ def truth(tmp_path):
     arm.close()
 
 
+def of_images(images, **changes):
+    return {
+        'source': 'images',
+        'video_device': str(images),
+        'image_width': 0,
+        'image_height': 0,
+        'framerate': 20.0,
+    } | changes
+
+
 def simulated(tmp_path, **changes):
     return {
         'source': 'simulated',
@@ -136,14 +146,14 @@ def test_every_image_comes_with_its_calibration(ros, images, calibration):
     node = ros.add(
         make_camera(
             ros,
-            source='images',
-            video_device=str(images),
-            image_width=8,
-            image_height=6,
-            framerate=20.0,
-            camera_name='mine',
-            camera_info_url=calibration,
-            frame_id='my_frame',
+            **of_images(
+                images,
+                image_width=8,
+                image_height=6,
+                camera_name='mine',
+                camera_info_url=calibration,
+                frame_id='my_frame',
+            ),
         )
     )
     begin = node.get_clock().now().nanoseconds
@@ -168,16 +178,7 @@ def test_every_image_comes_with_its_calibration(ros, images, calibration):
 
 
 def test_publishers_are_reliable_and_volatile(ros, images):
-    ros.add(
-        make_camera(
-            ros,
-            source='images',
-            video_device=str(images),
-            image_width=0,
-            image_height=0,
-            framerate=1.0,
-        )
-    )
+    ros.add(make_camera(ros, **of_images(images, framerate=1.0)))
     viewer = ros.node('viewer')
     for topic in ('image_raw', 'camera_info'):
         ros.spin_until(lambda topic=topic: viewer.count_publishers(topic), topic)
@@ -188,17 +189,7 @@ def test_publishers_are_reliable_and_volatile(ros, images):
 
 def test_without_calibration_k_is_zero(ros, images):
     viewer = Viewer(ros)
-    ros.add(
-        make_camera(
-            ros,
-            source='images',
-            video_device=str(images),
-            image_width=0,
-            image_height=0,
-            framerate=20.0,
-            pixel_format='mono8',
-        )
-    )
+    ros.add(make_camera(ros, **of_images(images, pixel_format='mono8')))
     pictures, infos = viewer.wait_for(2)
     assert pictures[0].encoding == 'mono8'
     assert (infos[0].width, infos[0].height) == (8, 6)
@@ -336,15 +327,7 @@ def test_a_bad_parameter_is_refused(ros, parameters, error, sentence):
 
 def test_a_calibration_of_another_size_is_refused(ros, images, calibration):
     cv2.imwrite(str(images / '0.png'), np.zeros((12, 16, 3), np.uint8))
-    sentence = refused(
-        ros,
-        CalibrationError,
-        source='images',
-        video_device=str(images),
-        image_width=0,
-        image_height=0,
-        camera_info_url=calibration,
-    )
+    sentence = refused(ros, CalibrationError, **of_images(images, camera_info_url=calibration))
     assert f'{calibration} is a calibration of 8 by 6 pixels; {images} gives 16 by 12' in sentence
 
 
@@ -513,16 +496,7 @@ def test_a_source_that_comes_back_with_another_size_ends_the_node(ros, monkeypat
 
 def test_a_broken_file_in_the_middle_ends_the_node_with_its_sentence(ros, images):
     (images / '3.png').write_bytes(b'none')
-    ros.add(
-        make_camera(
-            ros,
-            source='images',
-            video_device=str(images),
-            image_width=8,
-            image_height=6,
-            framerate=50.0,
-        )
-    )
+    ros.add(make_camera(ros, **of_images(images, image_width=8, image_height=6, framerate=50.0)))
     with pytest.raises(SourceError, match=r'3\.png cannot be decoded'):
         ros.spin_until(lambda: False, 'the failure')
 
@@ -573,13 +547,7 @@ def fatal(*arguments):
 @pytest.mark.parametrize('stop_signal', [signal.SIGINT, signal.SIGTERM])
 def test_signals_end_it_with_code_0(ros, images, stop_signal):
     viewer = Viewer(ros)
-    arguments = command_line(
-        source='images',
-        video_device=str(images),
-        image_width=8,
-        image_height=6,
-        framerate=1.0,
-    )
+    arguments = command_line(**of_images(images, image_width=8, image_height=6, framerate=1.0))
     with started('camera', *arguments, stop_signal=stop_signal):
         viewer.wait_for(1)
 
