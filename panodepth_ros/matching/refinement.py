@@ -17,18 +17,29 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import int32, int64
+from numba import int16, int32, int64, uint8
 
 from panodepth_ros.matching.compiled import kernel
-from panodepth_ros.matching.simd import LANES, load, maximum, splat, square_root, store
+from panodepth_ros.matching.simd import (
+    LANES,
+    load,
+    maximum,
+    splat,
+    square_root,
+    store,
+    to_double,
+    widen,
+)
 
 Bytes = npt.NDArray[np.uint8]
 Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
-Int64Array = npt.NDArray[np.int64]
+Int16Array = npt.NDArray[np.int16]
+Int32Array = npt.NDArray[np.int32]
 
 #: Half width of the correlation window, rows and columns alike.
 HALF_WINDOW = 3
+SIDE = 2 * HALF_WINDOW + 1
 #: How strongly neighbours pull, along columns and along rows, against the weight of an estimate.
 VERTICAL_PULL, HORIZONTAL_PULL = 60.0, 10.0
 #: Grey-level difference over which the pull falls to 1/e.
@@ -42,30 +53,81 @@ LEAST_CORRELATION, LEAST_CURVATURE = 0.3, 1e-4
 
 
 @kernel
-def _running_sums(rows: Bytes, totals: Int64Array, squares: Int64Array) -> None:
-    """Sums of all columns before each, and of their squares, over a few rows of an image."""
-    columns = rows.shape[1]
-    of_column, square_of_column = np.zeros((2, columns), np.int32)
-    for y in range(rows.shape[0]):
-        for x in range(columns):
-            value = int32(rows[y, x])
-            of_column[x] += value
-            square_of_column[x] += value * value
-    total, square = 0, 0
-    for x in range(columns):
-        totals[x], squares[x] = total, square
-        total += int64(of_column[x])
-        square += int64(square_of_column[x])
-    totals[columns], squares[columns] = total, square
+def _take_row(image: Bytes, y: int, rows: Int16Array) -> None:
+    """Put a row, centred to −128 … 127, in the place of the one that leaves the window."""
+    row = rows[y % SIDE]
+    for x in range(image.shape[1]):
+        row[x] = int16(image[y, x]) - int16(128)
 
 
 @kernel
-def _correlations(numerators: Float64Array, variances: Float64Array, rho: Float64Array) -> None:
-    """Correlation coefficients, whole vectors at once."""
-    least = splat(1.0)
-    for i in range(0, rho.size, LANES):
-        root = square_root(maximum(load(variances, i), least))
-        store(rho, i, load(numerators, i) / root)
+def _window_statistics(
+    rows: Int16Array, of_columns: Int32Array, totals: Int32Array, spreads: Int32Array
+) -> None:
+    """
+    Σv and N·Σv² − (Σv)² of the windows that begin at each column.
+
+    Parameters
+    ----------
+    rows : ndarray of int16, shape (2n + 1, w)
+        Rows of the windows, in any order.
+    of_columns : ndarray of int32, shape (2w,)
+        Working memory.
+    totals, spreads : ndarray of int32, shape (w − LANES,)
+        Receive the sums.
+    """
+    count, wide = splat(int32(SIDE * SIDE)), rows.shape[1]
+    for x in range(0, wide, LANES):
+        total = square = splat(int32(0))
+        for j in range(SIDE):
+            value = load(rows, j * wide + x)
+            total = total + widen(value)
+            square = square + widen(value * value)
+        store(of_columns, x, total)
+        store(of_columns, wide + x, square)
+    for x in range(0, totals.size, LANES):
+        total = square = splat(int32(0))
+        for i in range(SIDE):
+            total = total + load(of_columns, x + i)
+            square = square + load(of_columns, wide + x + i)
+        store(totals, x, total)
+        store(spreads, x, count * square - total * total)
+
+
+@kernel
+def _correlate_run(
+    left_rows: Int16Array, right_rows: Int16Array, x: int, at: int, length: int,
+    left_totals: Int32Array, left_spreads: Int32Array, right_totals: Int32Array,
+    right_spreads: Int32Array, products: Int32Array, rho: Float64Array,
+) -> None:  # fmt: skip
+    """
+    Correlate the windows from column x on with those from column ``at`` on, one before, one after.
+
+    ``rho``, shape (3, …), receives the coefficients of ``length`` windows from x on, and something
+    of up to LANES more; 0 for windows without texture. ``products`` is working memory.
+    """
+    count, least, wide = splat(int32(SIDE * SIDE)), splat(1.0), rho.shape[1]
+    for i in range(0, length + SIDE - 1, LANES):
+        before = here = after = splat(int32(0))
+        for j in range(SIDE):
+            value = load(left_rows, j * left_rows.shape[1] + x + i)
+            there = j * right_rows.shape[1] + at + i
+            before = before + widen(value * load(right_rows, there))
+            here = here + widen(value * load(right_rows, there + 1))
+            after = after + widen(value * load(right_rows, there + 2))
+        store(products, i, before)
+        store(products, wide + i, here)
+        store(products, 2 * wide + i, after)
+    for i in range(0, length, LANES):
+        total, spread = load(left_totals, x + i), to_double(load(left_spreads, x + i))
+        for k in range(3):
+            cross = splat(int32(0))
+            for column in range(SIDE):
+                cross = cross + load(products, k * wide + i + column)
+            there = at + i + k
+            covariance = to_double(count * cross - total * load(right_totals, there))
+            variance = spread * to_double(load(right_spreads, there))
+            store(rho, k * wide + x + i, covariance / square_root(maximum(variance, least)))
 
 
 @kernel
@@ -91,64 +153,55 @@ def locate(
         Receives the curvature of the squared difference, the inverse variance of the estimate
         but for the noise; 0 where the parabola is not to be trusted.
     """
-    side = 2 * HALF_WINDOW + 1
-    count = side * side
-    left_sums, left_squares = np.empty((2, left.shape[1] + 1), np.int64)
-    right_sums, right_squares = np.empty((2, right.shape[1] + 1), np.int64)
-    # Σ l·r of each column of the window for the candidates before, at and after the winner: as
-    # long as the winner stays the same from pixel to pixel, only one column of it is new.
-    products = np.zeros((side, 3), np.int64)
-    crosses = np.zeros(3, np.int64)
     columns = best.shape[1]
-    padded = -(-columns // LANES) * LANES
-    # Of the candidates before, at and after each column's winner.
-    numerators, variances, rho = np.zeros((3, 3, padded))
-    spreads = np.empty(columns)
+    wide, right_wide = _padded(left.shape[1]), _padded(right.shape[1])
+    left_rows = np.zeros((SIDE, wide + LANES), np.int16)
+    right_rows = np.zeros((SIDE, right_wide + LANES), np.int16)
+    of_columns = np.empty(2 * (right_wide + LANES), np.int32)
+    left_totals, left_spreads = np.empty((2, wide), np.int32)
+    right_totals, right_spreads = np.empty((2, right_wide), np.int32)
+    products = np.empty((3, wide + LANES), np.int32)
+    rho = np.empty((3, wide + LANES))
+    for y in range(start, start + SIDE - 1):
+        _take_row(left, y, left_rows)
+        _take_row(right, y, right_rows)
     for y in range(start, stop):
-        _running_sums(left[y : y + side], left_sums, left_squares)
-        _running_sums(right[y : y + side], right_sums, right_squares)
-        previous = -1
-        for x in range(columns):
-            candidate = int64(best[y, x])
-            at = x + candidate
-            if candidate != previous:
-                previous = candidate
-                products[:] = 0
-                crosses[:] = 0
-                first = 0
-            else:
-                first = side - 1
-            for i in range(first, side):
-                before, here, after = int32(0), int32(0), int32(0)
-                for j in range(side):
-                    value = int32(left[y + j, x + i])
-                    before += value * int32(right[y + j, at + i])
-                    here += value * int32(right[y + j, at + i + 1])
-                    after += value * int32(right[y + j, at + i + 2])
-                column = products[(x + i) % side]
-                crosses[0] += before - column[0]
-                crosses[1] += here - column[1]
-                crosses[2] += after - column[2]
-                column[0], column[1], column[2] = before, here, after
-            total = left_sums[x + side] - left_sums[x]
-            spread = float(count * (left_squares[x + side] - left_squares[x]) - total * total)
-            spreads[x] = spread
-            for k in range(3):
-                there = right_sums[at + k + side] - right_sums[at + k]
-                square = right_squares[at + k + side] - right_squares[at + k]
-                variances[k, x] = spread * float(count * square - there * there)
-                numerators[k, x] = float(count * crosses[k] - total * there)
-        _correlations(numerators, variances, rho)
-        for x in range(columns):
-            fraction[y - start, x] = 0.0
-            weight[y - start, x] = 0.0
-            textured = variances[0, x] > 0 and variances[1, x] > 0 and variances[2, x] > 0
-            before_it, at_it, after_it = rho[0, x], rho[1, x], rho[2, x]
-            curvature = 2 * at_it - before_it - after_it
-            if textured and at_it > LEAST_CORRELATION and curvature > LEAST_CURVATURE:
-                vertex = 0.5 * (after_it - before_it) / curvature
-                fraction[y - start, x] = min(max(vertex, -1.0), 1.0)
-                weight[y - start, x] = curvature * spreads[x] / (count * count)
+        _take_row(left, y + SIDE - 1, left_rows)
+        _take_row(right, y + SIDE - 1, right_rows)
+        _window_statistics(left_rows, of_columns, left_totals, left_spreads)
+        _window_statistics(right_rows, of_columns, right_totals, right_spreads)
+        winners = best[y]
+        x = 0
+        while x < columns:
+            end = x + 1
+            while end < columns and winners[end] == winners[x]:
+                end += 1
+            at = x + int64(winners[x])
+            _correlate_run(
+                left_rows, right_rows, x, at, end - x, left_totals, left_spreads, right_totals,
+                right_spreads, products, rho,
+            )  # fmt: skip
+            for k in range(x, end):
+                there = at + k - x
+                fraction[y - start, k] = 0.0
+                weight[y - start, k] = 0.0
+                textured = left_spreads[k] > 0
+                for c in range(3):
+                    textured = textured and right_spreads[there + c] > 0
+                before_it, at_it, after_it = rho[0, k], rho[1, k], rho[2, k]
+                curvature = 2 * at_it - before_it - after_it
+                if textured and at_it > LEAST_CORRELATION and curvature > LEAST_CURVATURE:
+                    vertex = 0.5 * (after_it - before_it) / curvature
+                    fraction[y - start, k] = min(max(vertex, -1.0), 1.0)
+                    spread = float(left_spreads[k])
+                    weight[y - start, k] = curvature * spread / (SIDE * SIDE * SIDE * SIDE)
+            x = end
+
+
+@kernel
+def _padded(columns: int) -> int:
+    """Length of whole vectors, and one more, in which that many columns fit."""
+    return (columns // LANES + 2) * LANES
 
 
 @kernel
@@ -263,16 +316,18 @@ def hold(
         Rows to handle.
     """
     columns = steps.shape[1]
+    around = np.arange(-HOLD_REACH, columns + HOLD_REACH) % columns
+    below, above = np.empty(columns, np.uint8), np.empty(columns, np.uint8)
     for y in range(start, stop):
+        here, wide = steps[y], steps[y][around]
+        below[:] = uint8(0)
+        above[:] = uint8(0)
+        for away in range(2 * HOLD_REACH + 1):
+            beside = wide[away : away + columns]
+            for x in range(columns):
+                below[x] |= uint8(beside[x] == here[x] - 1)
+                above[x] |= uint8(beside[x] == here[x] + 1)
         for x in range(columns):
-            here = int32(steps[y, x])
-            lowest, highest = here, here
-            for away in range(-HOLD_REACH, HOLD_REACH + 1):
-                beside = int32(steps[y, (x + away) % columns])
-                if beside == here - 1:
-                    lowest = beside
-                elif beside == here + 1:
-                    highest = beside
-            lower = np.float32(first + lowest) - np.float32(0.5)
-            upper = np.float32(first + highest) + np.float32(0.5)
+            lower = np.float32(first + here[x] - below[x]) - np.float32(0.5)
+            upper = np.float32(first + here[x] + above[x]) + np.float32(0.5)
             disparity[y, x] = min(max(disparity[y, x], lower), upper)

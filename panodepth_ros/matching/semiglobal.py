@@ -8,6 +8,7 @@ what only one eye sees, refined (``refinement``) and given a probability (``conf
 
 from __future__ import annotations
 
+import mmap
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -39,6 +40,7 @@ from panodepth_ros.matching.semiglobal_paths import (
     NOBODY,
     disagreement,
     match_tile,
+    tile_memory,
     vertical_penalties,
 )
 
@@ -50,7 +52,9 @@ Locate = Callable[['Bordered', int, int, Float32Array, Float32Array], None]
 #: Disparities that are less probably right than this count as unmatched.
 LEAST_CONFIDENCE = 0.3
 #: Most rows of a tile, most pixels times candidates, and fewest tiles.
-TILE_ROWS, TILE_SIZE, FEWEST_TILES = 128, 10_000_000, 4
+TILE_ROWS, TILE_SIZE, FEWEST_TILES = 128, 9_000_000, 4
+#: Memory of a tile up to which it stays with the process [bytes].
+KEPT_MEMORY = 20_000_000
 #: Columns, and rows, that one call of the other kernels handles.
 COLUMN_BAND, ROW_BAND = 64, 8
 #: Columns beyond either end along which a row is smoothed.
@@ -124,9 +128,9 @@ def match_semiglobal(
     """
     pair, seam = cut_open(left, right)
     with ThreadPoolExecutor(threads) as pool:
+        noise = pool.submit(grey_noise, pair.left_grey)
         pair = equalised(pair, rough_match(pair, pool))
-        noise = grey_noise(pair.left_grey)
-        winners = aggregate(pair, noise, pool)
+        winners = aggregate(pair, noise.result(), pool)
         disparity, probability = refine(pair, winners, pool)
     return kept(disparity, probability, seam)
 
@@ -287,7 +291,7 @@ def aggregate(
     pool : ThreadPoolExecutor
         The tiles do not depend on how many threads it has.
     colour : bool
-        Whether the colour difference counts, or only the census.
+        Whether the colour difference counts, or only the census, as in a rough match.
     """
     rows, columns = pair.left_grey.shape
     lanes = -(-pair.candidates // LANES) * LANES
@@ -301,8 +305,7 @@ def aggregate(
     def run(tile: tuple[int, int, int, int]) -> None:
         top, bottom, start, stop = tile
         if not hasattr(memory, 'block'):
-            # One piece: malloc keeps it for the next match if small, gives it back if large.
-            memory.block = np.empty(height * (3 * width + 2 * MARGIN_COLUMNS) * lanes, np.uint8)
+            memory.block = _one_piece(tile_memory(height, width, lanes))
         found = np.full((bottom - top, stop - start + lanes), NOBODY, np.uint32)
         match_tile(
             *_surroundings(pair, tile, lanes), top - max(top - MARGIN_ROWS, 0), pair.candidates,
@@ -312,7 +315,8 @@ def aggregate(
         with merging:
             merge(right_best[top:bottom], found, pair.first + start)
 
-    tiles = tiles_of(rows, columns, lanes, TILE_SIZE)
+    # The memory of a rough match stays beside that of the real one.
+    tiles = tiles_of(rows, columns, lanes, TILE_SIZE if colour else TILE_SIZE // ROUGH_SCALE)
     height = max(bottom - top for top, bottom, _, _ in tiles)
     width = max(stop - start for _, _, start, stop in tiles)
     for _ in pool.map(run, tiles):
@@ -320,6 +324,13 @@ def aggregate(
     eyes = np.empty((rows, columns), np.uint8)
     disagreement(best, right_best, pair.first, eyes)
     return Winners(best, margin, eyes)
+
+
+def _one_piece(size: int) -> Bytes:
+    """Memory that malloc keeps for the next match if small, that is given back if large."""
+    if size <= KEPT_MEMORY:
+        return np.empty(size, np.uint8)
+    return np.frombuffer(mmap.mmap(-1, size), np.uint8)
 
 
 def _surroundings(
@@ -336,8 +347,8 @@ def _surroundings(
     return (
         wrapped(pair.left[:, first:last], start, stop),
         wrapped(pair.right[:, first:last], right_start, right_stop),
-        wrapped(pair.left_grey[census_rows], start - side, stop + side),
-        wrapped(pair.right_grey[census_rows], right_start - side, right_stop + side),
+        wrapped(pair.left_grey, start - side, stop + side)[census_rows],
+        wrapped(pair.right_grey, right_start - side, right_stop + side)[census_rows],
         wrapped(pair.left_seen, start, stop),
         wrapped(pair.right_seen, right_start, right_stop),
     )
@@ -360,7 +371,13 @@ def tiles_of(rows: int, columns: int, lanes: int, size: int) -> list[tuple[int, 
 
 def wrapped(array: npt.NDArray[Scalar], start: int, stop: int) -> npt.NDArray[Scalar]:
     """Columns start … stop − 1 of an array that wraps around."""
-    return np.take(array, np.arange(start, stop), axis=-1, mode='wrap')
+    found = np.empty((*array.shape[:-1], stop - start), array.dtype)
+    at = 0
+    while at < stop - start:  # whole runs of columns: many times faster than one by one
+        run = array[..., (start + at) % array.shape[-1] :][..., : stop - start - at]
+        found[..., at : at + run.shape[-1]] = run
+        at += run.shape[-1]
+    return found
 
 
 def _taller(image: npt.NDArray[Scalar], border: int) -> npt.NDArray[Scalar]:

@@ -144,7 +144,7 @@ def _across(
     """
     Run the horizontal paths of a few rows from ``top`` on, in both directions at once.
 
-    ``sums`` receives L − C of both for the ``columns`` of the core.
+    ``sums`` receives L − C of both for the ``columns`` of the core, from the first of the rows on.
     """
     wide = columns + 2 * MARGIN_COLUMNS
     stride = lanes + WIDE
@@ -157,7 +157,7 @@ def _across(
             rightward = KEEP if column <= other else ADD
             leftward = KEEP if other > column else ADD
         for r in range(rows):
-            row_costs, row_sums = (top + r) * wide, (top + r) * columns
+            row_costs, row_sums = (top + r) * wide, r * columns
             floors[2 * r] = _step(
                 states, 2 * r * stride, lanes, floors[2 * r], LARGE_PENALTY,
                 costs, (row_costs + x) * lanes, sums, (row_sums + column) * lanes, rightward,
@@ -172,8 +172,8 @@ def _across(
 @kernel
 def _up(
     states: Bytes, floors: Bytes, large: Bytes, costs: Bytes, cost_at: int, across: Bytes,
-    down: Bytes, sum_at: int, lanes: int, candidates: int, seen: Seen, best: Totals,
-    margin: Totals, right_best: Names,
+    across_at: int, down: Bytes, down_at: int, lanes: int, candidates: int, seen: Seen,
+    best: Totals, margin: Totals, right_best: Names,
 ) -> None:  # fmt: skip
     """
     Advance the upward paths by a row, the last to come, and find the winners of the row.
@@ -207,8 +207,8 @@ def _up(
             least = minimum(least, now)
             before = here
             here = after
-            vertical = widen_bytes(deviations + load_wide(down, sum_at + x * lanes + k))
-            total = vertical + widen_bytes(load_wide(across, sum_at + x * lanes + k))
+            vertical = widen_bytes(deviations + load_wide(down, down_at + x * lanes + k))
+            total = vertical + widen_bytes(load_wide(across, across_at + x * lanes + k))
             twice = widen_bytes(cost) + widen_bytes(cost)
             total = (total + twice + twice) | load_wide(fillers, k)
             store(totals, 1 + k, total)
@@ -285,6 +285,12 @@ def disagreement(best: Totals, right_best: Names, first: int, eyes: Bytes) -> No
             eyes[y, x] = uint8(min(abs(there - winner), 255))
 
 
+def tile_memory(rows: int, columns: int, lanes: int) -> int:
+    """Bytes that ``match_tile`` works in, for a core of that size."""
+    wide = columns + 2 * MARGIN_COLUMNS
+    return (rows * (wide + columns) + ROWS_AT_ONCE * columns) * lanes
+
+
 @kernel
 def match_tile(
     left: Bytes, right: Bytes, left_grey: Bytes, right_grey: Bytes, left_seen: Seen,
@@ -315,7 +321,7 @@ def match_tile(
     penalties : ndarray of uint8, shape (256,)
         See ``vertical_penalties``.
     memory : ndarray of uint8, one-dimensional
-        Working memory, at least rows·(w + 2·columns)·lanes of the core's rows and columns.
+        Working memory of at least ``tile_memory`` bytes.
     best, margin : ndarray of uint16, shape (rows, columns)
         Receive the core's winning candidates and by how much the next ones cost more.
     right_best : ndarray of uint32, shape (rows, columns + lanes)
@@ -327,7 +333,7 @@ def match_tile(
     lanes = right.shape[2] - wide
     costs = memory[: rows * wide * lanes].reshape(rows, wide, lanes)
     flat_costs, sums = memory[: costs.size], memory[costs.size :]
-    across, down = sums[: rows * columns * lanes], sums[rows * columns * lanes :]
+    down, across = sums[: rows * columns * lanes], sums[rows * columns * lanes :]
     left_census = np.empty((CENSUS_PLANES, height, wide), np.uint8)
     right_census = np.empty((CENSUS_PLANES, height, wide + lanes), np.uint8)
     census(left_grey, noise, left_census)
@@ -345,21 +351,15 @@ def match_tile(
             cut, doubled, FILLER_COST, candidates, row_costs,
         )  # fmt: skip
         _down(states, floors, large[y], flat_row, 0, down, 0, NOTHING, lanes)
-    for y in range(0, rows, ROWS_AT_ONCE):
-        together = min(ROWS_AT_ONCE, rows - y)
-        for r in range(y, y + together):
-            candidate_costs(
-                left, right, left_census, right_census, left_seen, right_seen, above + r, 0,
-                cut, doubled, FILLER_COST, candidates, costs[r],
-            )  # fmt: skip
-        across_states = np.empty(2 * ROWS_AT_ONCE * (lanes + WIDE), np.uint8)
-        _clear(across_states, lanes)
-        _across(across_states, flat_costs, together, y, columns, across, lanes)
-        for r in range(y, y + together):
-            _down(
-                states, floors, large[above + r], flat_costs, (r * wide + MARGIN_COLUMNS) * lanes,
-                down, r * columns * lanes, KEEP, lanes,
-            )  # fmt: skip
+    for r in range(rows):
+        candidate_costs(
+            left, right, left_census, right_census, left_seen, right_seen, above + r, 0,
+            cut, doubled, FILLER_COST, candidates, costs[r],
+        )  # fmt: skip
+        _down(
+            states, floors, large[above + r], flat_costs, (r * wide + MARGIN_COLUMNS) * lanes,
+            down, r * columns * lanes, KEEP, lanes,
+        )  # fmt: skip
     _clear(states, lanes)
     floors[:] = uint8(0)
     for y in range(height - 1, above + rows - 1, -1):
@@ -369,9 +369,14 @@ def match_tile(
         )  # fmt: skip
         _down(states, floors, large[y + 1], flat_row, 0, down, 0, NOTHING, lanes)
     seen = left_seen[MARGIN_COLUMNS : MARGIN_COLUMNS + columns]
-    for r in range(rows - 1, -1, -1):
-        _up(
-            states, floors, large[above + r + 1], flat_costs,
-            (r * wide + MARGIN_COLUMNS) * lanes, across, down, r * columns * lanes, lanes,
-            candidates, seen, best[r], margin[r], right_best[r],
-        )  # fmt: skip
+    across_states = np.empty(2 * ROWS_AT_ONCE * (lanes + WIDE), np.uint8)
+    for top in range((rows - 1) // ROWS_AT_ONCE * ROWS_AT_ONCE, -1, -ROWS_AT_ONCE):
+        together = min(ROWS_AT_ONCE, rows - top)
+        _clear(across_states, lanes)
+        _across(across_states, flat_costs, together, top, columns, across, lanes)
+        for r in range(top + together - 1, top - 1, -1):
+            _up(
+                states, floors, large[above + r + 1], flat_costs,
+                (r * wide + MARGIN_COLUMNS) * lanes, across, (r - top) * columns * lanes, down,
+                r * columns * lanes, lanes, candidates, seen, best[r], margin[r], right_best[r],
+            )  # fmt: skip

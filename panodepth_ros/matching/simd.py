@@ -261,10 +261,12 @@ square_root = intrinsic(_square_root)
 maximum, minimum = intrinsic(_extremum('>')), intrinsic(_extremum('<'))
 #: The largest, or smallest, number in a vector.
 largest, smallest = intrinsic(_reduction('>')), intrinsic(_reduction('<'))
-#: int16 to int32, uint8 to uint16, int32 to float32 (nearest), float32 to int32 (towards zero).
+#: int16 to int32, uint8 to uint16, int32 to float32 (nearest), int32 to float64, float32 to int32
+#: (towards zero).
 widen = intrinsic(_conversion(types.int32, 'sext'))
 widen_bytes = intrinsic(_conversion(types.uint16, 'zext'))
 to_float = intrinsic(_conversion(types.float32, 'sitofp'))
+to_double = intrinsic(_conversion(types.float64, 'sitofp'))
 to_integer = intrinsic(_conversion(types.int32, 'fptosi'))
 
 _overload(operator.add, _arithmetic('add', 'fadd'))

@@ -40,7 +40,7 @@ def test_tile_has_the_winners_of_the_recursion() -> None:
     penalties = paths.vertical_penalties(1.0)
     best, margin = (np.zeros((ROWS, COLUMNS), np.uint16) for _ in range(2))
     right_best = np.full((ROWS, COLUMNS + LANES), paths.NOBODY, np.uint32)
-    memory = np.empty(ROWS * (WIDE + 2 * COLUMNS) * LANES, np.uint8)
+    memory = np.empty(paths.tile_memory(ROWS, COLUMNS, LANES), np.uint8)
     paths.match_tile(
         left, right, left_grey, right_grey, left_seen, right_seen, 0, CANDIDATES, 1, 30, True,
         penalties, memory, best, margin, right_best,

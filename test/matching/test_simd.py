@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from numba import int32
 
 from panodepth_ros.matching.compiled import kernel
 from panodepth_ros.matching.simd import (
@@ -24,6 +25,7 @@ from panodepth_ros.matching.simd import (
     splat_wide,
     square_root,
     store,
+    to_double,
     to_float,
     to_integer,
     where_at_most,
@@ -74,12 +76,14 @@ def test_comparison_gives_one_or_zero_and_roots_are_rounded_correctly() -> None:
 @kernel
 def reals(
     a: npt.NDArray[np.int16], b: npt.NDArray[np.float32],
-    out: npt.NDArray[np.float32], whole: npt.NDArray[np.int32],
+    out: npt.NDArray[np.float32], whole: npt.NDArray[np.int32], double: npt.NDArray[np.float64],
 ) -> None:  # fmt: skip
     for i in range(3, a.size - LANES, LANES):  # not aligned
         x = to_float(widen(load(a, i))) * load(b, i) - load(b, i)
         store(out, i, maximum(x, splat(b[0])))
         store(whole, i, to_integer(x))
+        wide = widen(load(a, i))
+        store(double, i, to_double(wide * wide + splat(int32(1))))
 
 
 def test_conversions_are_exact_and_truncate() -> None:
@@ -87,11 +91,14 @@ def test_conversions_are_exact_and_truncate() -> None:
     a = rng.integers(-(2**15), 2**15, 3 + 4 * LANES).astype(np.int16)
     b = rng.normal(0, 10, a.size).astype(np.float32)
     out, whole = np.zeros(a.size, np.float32), np.zeros(a.size, np.int32)
-    reals(a, b, out, whole)
+    double = np.zeros(a.size)
+    reals(a, b, out, whole, double)
     done = slice(3, 3 + 3 * LANES)
     x = a.astype(np.float32) * b - b
     np.testing.assert_array_equal(out[done], np.maximum(x, b[0])[done])
     np.testing.assert_array_equal(whole[done], np.trunc(x[done]).astype(np.int32))
+    # More digits than 32 bits of floating point have.
+    np.testing.assert_array_equal(double[done], a[done].astype(np.int64) ** 2 + 1)
     assert not out[:3].any()
 
 
