@@ -10,13 +10,13 @@ part. A window without texture matches nothing.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
 from numba import float32, int32
 
 from panodepth_ros.geometry import Panorama
+from panodepth_ros.matching.bands import run_bands
 from panodepth_ros.matching.compiled import kernel
 from panodepth_ros.matching.correlation import (
     SCORE_UNIT,
@@ -117,11 +117,8 @@ def match_grey(pair: GreyPair, threads: int, *, back_correlation: bool = True) -
     rows, columns = pair.left.shape
     disparity = np.empty((rows, columns), np.float32)
     confidence = np.empty((rows, columns), np.float32)
-    bands = -(-rows // (BAND_ROWS * threads)) * threads
-    limits = [round(band * rows / bands) for band in range(bands + 1)]
 
-    def run(band: int) -> None:
-        start, stop = limits[band], limits[band + 1]
+    def run(start: int, stop: int) -> None:
         _match_band(
             padded,
             start,
@@ -131,12 +128,7 @@ def match_grey(pair: GreyPair, threads: int, *, back_correlation: bool = True) -
             confidence[start:stop],
         )
 
-    if threads == 1:
-        for band in range(bands):
-            run(band)
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(run, range(bands)))
+    run_bands(run, rows, -(-rows // (BAND_ROWS * threads)) * threads, threads)
     return Correspondence(disparity, confidence)
 
 

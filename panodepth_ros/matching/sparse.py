@@ -10,7 +10,6 @@ correlation coefficient.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
@@ -18,6 +17,7 @@ import numpy.typing as npt
 from numba import float32
 
 from panodepth_ros.geometry import Panorama
+from panodepth_ros.matching.bands import run_bands
 from panodepth_ros.matching.compiled import kernel
 from panodepth_ros.matching.correlation import (
     WIDTH,
@@ -54,16 +54,11 @@ def match_sparse(
     rows, columns = pair.left.shape
     disparity = np.full((rows, columns), np.nan, np.float32)
     confidence = np.full((rows, columns), np.nan, np.float32)
-    limits = [round(band * rows / threads) for band in range(threads + 1)]
 
-    def run(band: int) -> None:
-        _match_edges(padded, edges, limits[band], limits[band + 1], disparity, confidence)
+    def run(start: int, stop: int) -> None:
+        _match_edges(padded, edges, start, stop, disparity, confidence)
 
-    if threads == 1:
-        run(0)
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(run, range(threads)))
+    run_bands(run, rows, threads, threads)
     return Correspondence(disparity, confidence)
 
 
