@@ -67,6 +67,7 @@ setup(
             'camera = panodepth_ros.start:camera',
             'mosaicer = panodepth_ros.start:mosaicer',
             'depth = panodepth_ros.start:depth',
+            'calibrator = panodepth_ros.start:calibrator',
             'check_scan = panodepth_ros.nodes.check_scan:main',
             'views = panodepth_ros.start:views',
             'simulated_arm = panodepth_ros.cli.simulated_arm:main',

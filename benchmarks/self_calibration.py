@@ -124,7 +124,16 @@ def main() -> None:
         metavar='%',
         help="how well the principal point is given, of the image's width",
     )
+    parser.add_argument(
+        '--part',
+        type=float,
+        nargs=2,
+        default=[0.0, 360.0],
+        metavar='°',
+        help='which part of the turn is calibrated by',
+    )
     arguments = parser.parse_args()
+    part = slice(*(round(COLUMNS * degrees / 360) for degrees in arguments.part))
     for seed in arguments.seeds:
         room = furnished_room(seed)
         rows: list[list[str]] = []
@@ -155,7 +164,7 @@ def main() -> None:
             began = time.monotonic()
             given = Given(focal_length=deviation, principal_point=arguments.centre / 100)
             start = replace(CAMERA, fx=scale * CAMERA.fx, fy=scale * CAMERA.fy, mounting=ALIGNED)
-            found = self_calibrate(turned, AZIMUTH, start, given)
+            found = self_calibrate(turned[part], AZIMUTH[part], start, given)
             add(name, turned, found.camera, TURNED)
             took = time.monotonic() - began
             print(f'room {seed}, {name}: {len(found.tracks)} points, {took:.0f} s with matching')
@@ -165,6 +174,11 @@ def main() -> None:
                 value, off = unit * estimate.value, unit * estimate.deviation
                 seen = '' if estimate.observed else ' (not observed)'
                 print(f'  {unknown} {value:.4f} ± {off:.4f}{seen}')
+            if limits := found.focal_length_limits():
+                print(
+                    f'  fx ± {100 * limits[0]:.2f} % if all errors were white noise, '
+                    f'± {100 * limits[1]:.2f} % if k1 were known'
+                )
             by = compare_view_angles(found)
             for which in ('equation_1', 'nearest', 'farthest', 'with_parallax'):
                 estimate = getattr(by, which)

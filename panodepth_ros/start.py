@@ -39,6 +39,11 @@ def depth() -> int:
     return _start('depth')
 
 
+def calibrator() -> int:
+    """Run the calibrator."""
+    return _start('calibrator')
+
+
 def views() -> int:
     """Run the pinhole views."""
     return _start('views')

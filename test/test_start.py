@@ -19,7 +19,9 @@ sys.exit({node}())
 
 
 @pytest.mark.parametrize('number', ['SIGINT', 'SIGTERM'])
-@pytest.mark.parametrize('node', ['arm_driver', 'camera', 'mosaicer', 'depth', 'views'])
+@pytest.mark.parametrize(
+    'node', ['arm_driver', 'camera', 'mosaicer', 'depth', 'calibrator', 'views']
+)
 def test_signal_during_the_imports_is_a_quiet_end(node, number):
     code = CODE.format(node=node, number=number)
     ran = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=False)

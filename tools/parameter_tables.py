@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 from panodepth_ros.nodes.arm_settings import ArmDriverParameters
+from panodepth_ros.nodes.calibrator_settings import CalibratorParameters
 from panodepth_ros.nodes.camera_settings import CameraParameters
 from panodepth_ros.nodes.check_scan import CheckScanParameters
 from panodepth_ros.nodes.depth import DepthParameters
@@ -19,6 +20,7 @@ TABLES = {
     'camera': CameraParameters,
     'mosaicer': MosaicerParameters,
     'depth': DepthParameters,
+    'calibrator': CalibratorParameters,
     'check_scan': CheckScanParameters,
     'views': ViewsParameters,
 }

@@ -109,14 +109,4 @@ def _camera(path: Path, topic: str, view_angle: float | None) -> PinholeCamera:
     info: Any = next((message for _, _, message in read(path, [topic])), None)
     if info is None:
         raise BagError(f'bag {path} holds no message of {topic}')
-    if view_angle is None:
-        return pinhole_camera(info)
-    focal_length = 0.5 * info.width / math.tan(0.5 * view_angle)
-    return PinholeCamera(
-        width=info.width,
-        height=info.height,
-        fx=focal_length,
-        fy=focal_length,
-        cx=0.5 * (info.width - 1),
-        cy=0.5 * (info.height - 1),
-    )
+    return pinhole_camera(info, view_angle)

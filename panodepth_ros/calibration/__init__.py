@@ -4,6 +4,7 @@ from panodepth_ros.calibration.self_calibration import (
     Estimate,
     Given,
     SelfCalibration,
+    calibrate_by,
     self_calibrate,
 )
 from panodepth_ros.calibration.view_angle import ViewAngle, compare_view_angles
@@ -13,6 +14,7 @@ __all__ = [
     'Given',
     'SelfCalibration',
     'ViewAngle',
+    'calibrate_by',
     'compare_view_angles',
     'self_calibrate',
 ]

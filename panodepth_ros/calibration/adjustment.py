@@ -31,7 +31,17 @@ UNKNOWNS = {
 }
 #: Step of the derivative by a point's azimuth [rad], inverse distance [1/r], and z/l.
 _POINT_STEPS = (1e-5, 1e-5, 1e-5)
-_MOST_ITERATIONS = 60
+_MOST_ITERATIONS = 40
+#: Steps of the points alone after each of all.
+_SETTLING = 2
+#: Of the sum of squares over the variance; a smaller gain ends the fit.
+_LEAST_GAIN = 1e-2
+#: Errors of points of one such sector may depend on each other [rad].
+_SECTOR = math.radians(30.0)
+#: The sum of all is 0 where the fit ends, so that few sectors would tell nothing.
+_FEWEST_SECTORS = 6
+#: Added to a point's normal matrix, which is many orders larger.
+_FLOOR = 1e-9
 #: Damping at which no step helps any more.
 _MOST_DAMPING = 1e6
 #: Residuals beyond this many standard deviations lose weight.
@@ -89,8 +99,10 @@ class Adjusted:
     points : ndarray of float64, shape (T, 3)
         Azimuth α [rad], arm_radius/l and z/l of each point.
     covariance : ndarray of float64, shape (G, G)
-        Of the camera's unknowns in the order given, focal length as its logarithm. Errors of one
-        point's sightings may depend on each other; those of different points do not.
+        Of the camera's unknowns in the order given, focal length as its logarithm. Errors within
+        a sector of 30° may depend on each other.
+    bound : ndarray of float64, shape (G,)
+        Standard deviations, were the errors of all sightings white noise: Cramér and Rao's bound.
     residual_px : ndarray of float64, shape (T,)
         Root mean square of each point's residuals, u and v together [px].
     """
@@ -98,6 +110,7 @@ class Adjusted:
     camera: PinholeCamera
     points: Array
     covariance: Array
+    bound: Array
     residual_px: Array
 
 
@@ -171,46 +184,90 @@ def adjust(
     damping = 1e-3
     off = residuals(tracks, camera, points)
     weight, sigma = _weights(off, tracks)
-    cost = _cost(off, sigma) + float(weak @ total**2)
+    points, off = _settled(tracks, camera, points, off, sigma)
     system = None
     for _ in range(_MOST_ITERATIONS):
         if system is None:
             weight, sigma = _weights(off, tracks)
-            cost = _cost(off, sigma) + float(weak @ total**2)
+            cost = _costs(off, sigma).sum() + float(weak @ total**2)
             system = _System(tracks, camera, points, names, off, weight)
         step, point_steps = system.solve(damping, weak, total)
         new_total, new_points = total + step, points + point_steps
         new_camera = moved(begun, names, new_total)
         new_off = residuals(tracks, new_camera, new_points)
-        new_cost = _cost(new_off, sigma) + float(weak @ new_total**2)
+        # Each point follows the camera along its own curve, which the common step leaves.
+        new_points, new_off = _settled(tracks, new_camera, new_points, new_off, sigma)
+        new_cost = _costs(new_off, sigma).sum() + float(weak @ new_total**2)
         if not new_cost <= cost:
             damping *= 10.0
             if damping > _MOST_DAMPING:
                 break
             continue
-        small = (cost - new_cost) < 1e-7 * cost
+        small = cost - new_cost < _LEAST_GAIN
         camera, points, total, off = new_camera, new_points, new_total, new_off
-        damping, system = max(damping / 10.0, 1e-9), None
+        damping, system = damping / 10.0, None
         if small:
             break
     weight, _ = _weights(off, tracks)
     system = _System(tracks, camera, points, names, off, weight)
+    azimuth = np.nanmean(tracks.arm_azimuth, axis=1)
     count = np.maximum(np.isfinite(tracks.u).sum(axis=1), 1)
     rms = np.sqrt(np.square(off).sum(axis=(1, 2)) / count)
-    return Adjusted(camera, points, system.covariance(weak), rms)
+    covariance, bound = system.uncertainty(weak, azimuth)
+    return Adjusted(camera, points, covariance, bound, rms)
 
 
-def _weights(off: Array, tracks: Tracks) -> tuple[Array, float]:
-    """Huber's weights over the variance, shape (T, K), and the scale [px]."""
+def _settled(
+    tracks: Tracks, camera: PinholeCamera, points: Array, off: Array, sigma: float
+) -> tuple[Array, Array]:
+    """Points moved to where they fit a camera better, each for itself, and their residuals."""
+    for _ in range(_SETTLING):
+        weight = _weights(off, tracks, sigma)[0]
+        by_point = _by_point(tracks, camera, points)
+        normal = np.einsum('tkij,tkil,tk->tjl', by_point, by_point, weight)
+        gradient = np.einsum('tkij,tki,tk->tj', by_point, off, weight)
+        step = np.linalg.solve(normal + _FLOOR * np.eye(3), gradient[..., np.newaxis])[..., 0]
+        new_off = residuals(tracks, camera, points - step)
+        better = _costs(new_off, sigma) < _costs(off, sigma)
+        points = np.where(better[:, np.newaxis], points - step, points)
+        off = np.where(better[:, np.newaxis, np.newaxis], new_off, off)
+    return points, off
+
+
+def _weights(off: Array, tracks: Tracks, sigma: float | None = None) -> tuple[Array, float]:
+    """Huber's weights over the variance, shape (T, K), and the scale [px], robust if not given."""
     size = np.hypot(off[..., 0], off[..., 1])
-    seen = np.isfinite(tracks.u)
-    sigma = max(float(np.median(size[seen])) / 1.18, 1e-6)
+    if sigma is None:
+        sigma = max(float(np.median(size[np.isfinite(tracks.u)])) / 1.18, 1e-6)
     return np.minimum(1.0, _HUBER / np.maximum(size / sigma, 1e-12)) / sigma**2, sigma
 
 
-def _cost(off: Array, sigma: float) -> float:
+def _costs(off: Array, sigma: float) -> Array:
+    """Huber's cost of each point, shape (T,)."""
     size = np.hypot(off[..., 0], off[..., 1]) / sigma
-    return float(np.where(size < _HUBER, size**2, _HUBER * (2.0 * size - _HUBER)).sum())
+    cost = np.where(size < _HUBER, size**2, _HUBER * (2.0 * size - _HUBER))
+    return np.asarray(cost.sum(axis=1))
+
+
+def _by_point(tracks: Tracks, camera: PinholeCamera, points: Array) -> Array:
+    """Derivatives of the residuals by their point, shape (T, K, 2, 3)."""
+    return np.stack(
+        [
+            _slope(tracks, (camera, points + shift), (camera, points - shift), size)
+            for shift, size in zip(np.diag(_POINT_STEPS), _POINT_STEPS, strict=True)
+        ],
+        axis=-1,
+    )
+
+
+def _slope(
+    tracks: Tracks,
+    ahead: tuple[PinholeCamera, Array],
+    behind: tuple[PinholeCamera, Array],
+    size: float,
+) -> Array:
+    """Derivative by central differences: what tells fx from k1 is of the third order."""
+    return (residuals(tracks, *ahead) - residuals(tracks, *behind)) / (2.0 * size)
 
 
 class _System:
@@ -225,17 +282,20 @@ class _System:
         off: Array,
         weight: Array,
     ) -> None:
-        by_camera = np.empty((*off.shape, len(names)))
-        for k, name in enumerate(names):
-            step = np.zeros(len(names))
-            step[k] = UNKNOWNS[name]
-            changed = residuals(tracks, moved(camera, names, step), points)
-            by_camera[..., k] = (changed - off) / UNKNOWNS[name]
-        by_point = np.empty((*off.shape, 3))
-        for k, size in enumerate(_POINT_STEPS):
-            shift = np.zeros(3)
-            shift[k] = size
-            by_point[..., k] = (residuals(tracks, camera, points + shift) - off) / size
+        sizes = np.array([UNKNOWNS[name] for name in names])
+        by_camera = np.stack(
+            [
+                _slope(
+                    tracks,
+                    (moved(camera, names, shift), points),
+                    (moved(camera, names, -shift), points),
+                    size,
+                )
+                for shift, size in zip(np.diag(sizes), sizes.tolist(), strict=True)
+            ],
+            axis=-1,
+        )
+        by_point = _by_point(tracks, camera, points)
         count, unknowns = len(off), len(names)
         root = np.sqrt(weight)[..., np.newaxis]
         jc = (by_camera * root[..., np.newaxis]).reshape(count, -1, unknowns)
@@ -248,11 +308,10 @@ class _System:
         self._camera_gradient = (jc.transpose(0, 2, 1) @ e)[..., 0]
         self._point_gradient = jpt @ e
 
-    def _reduced(self, damping: float) -> tuple[Array, Array, Array, Array]:
+    def _reduced(self) -> tuple[Array, Array, Array, Array]:
         """Each point's share of the system and its gradient; and what gives the points' steps."""
-        diagonal = np.einsum('tii->ti', self._point)[:, np.newaxis] * np.eye(3)
         solved = np.linalg.solve(
-            self._point + damping * diagonal + 1e-12 * np.eye(3),
+            self._point + _FLOOR * np.eye(3),
             np.concatenate([self._cross, self._point_gradient], axis=2),
         )
         back, own = solved[..., :-1], solved[..., -1]
@@ -262,14 +321,30 @@ class _System:
 
     def solve(self, damping: float, weak: Array, total: Array) -> tuple[Array, Array]:
         """Step of the camera's unknowns, and of the points."""
-        shares, gradients, back, own = self._reduced(damping)
+        shares, gradients, back, own = self._reduced()
         matrix = shares.sum(axis=0) + np.diag(weak)
-        matrix += damping * np.diag(np.diag(matrix)) + 1e-12 * np.eye(len(weak))
+        # Damped points would hold the camera by what they know of it at their places of now.
+        matrix += damping * np.diag(np.diag(matrix))
         step = -np.linalg.solve(matrix, gradients.sum(axis=0) + weak * total)
         return step, -own - back @ step
 
-    def covariance(self, weak: Array) -> Array:
-        """Covariance that holds if only whole tracks are independent of each other."""
-        shares, gradients, _, _ = self._reduced(0.0)
-        inverse = np.linalg.inv(shares.sum(axis=0) + np.diag(weak))
-        return np.asarray(inverse @ (gradients.T @ gradients + np.diag(weak)) @ inverse)
+    def uncertainty(self, weak: Array, azimuth: Array) -> tuple[Array, Array]:
+        """
+        Covariance if what different sectors show is independent, and the bound for white noise.
+
+        Points of one wall are misjudged alike, for it is seen at a like slant. Few sectors may
+        agree by chance: no direction is known better than white noise of the residuals allows.
+        """
+        shares, gradients, _, _ = self._reduced()
+        count = max(_FEWEST_SECTORS, round(float(np.ptp(azimuth)) / _SECTOR))
+        edges = np.linspace(azimuth.min(), azimuth.max(), count + 1)[1:-1]
+        summed = np.zeros((count, len(weak)))
+        np.add.at(summed, np.searchsorted(edges, azimuth), gradients)
+        spread = summed.T @ summed * (count / (count - 1)) + np.diag(weak)
+        # With information = L·Lᵀ the bound's covariance is L⁻ᵀ·L⁻¹, and that by sectors
+        # L⁻ᵀ·(L⁻¹·spread·L⁻ᵀ)·L⁻¹.
+        root = np.linalg.inv(np.linalg.cholesky(shares.sum(axis=0) + np.diag(weak)))
+        size, axes = np.linalg.eigh(root @ spread @ root.T)
+        turned = axes.T @ root
+        covariance = turned.T @ (np.maximum(size, 1.0)[:, np.newaxis] * turned)
+        return covariance, np.sqrt(np.diag(root.T @ root))

@@ -29,6 +29,8 @@ FEWEST_POINTS = 100
 _LEAST_TURN = math.radians(20.0)
 #: Passes of tracking and adjustment; the second unrolls frames by what the first found.
 _PASSES = 2
+#: How well the principal point is known by a calibration, and as the image centre [widths].
+KNOWN_CENTRE, UNKNOWN_CENTRE = 0.002, 0.01
 #: An estimate whose uncertainty is more than this share of what was given is not observed.
 _UNOBSERVED = 0.7
 
@@ -51,7 +53,7 @@ class Given:
     """
 
     focal_length: float = 0.001
-    principal_point: float = 0.002
+    principal_point: float = KNOWN_CENTRE
     mounting: float = math.inf
     k1: float = math.inf
 
@@ -120,6 +122,24 @@ class SelfCalibration:
     adjusted: Adjusted
     residual_px: float
 
+    def focal_length_limits(self) -> tuple[float, float] | None:
+        """
+        Return what limits fx, as shares of it.
+
+        Returns
+        -------
+        tuple of two float, or None
+            Its standard deviation were all errors white noise, and were k1 known exactly; None
+            if fx or k1 was held.
+        """
+        names = list(self.estimates)
+        if not {'focal_length', 'k1'} <= set(names):
+            return None
+        fx, k1 = names.index('focal_length'), names.index('k1')
+        covariance = self.adjusted.covariance
+        left = covariance[fx, fx] - covariance[fx, k1] ** 2 / covariance[k1, k1]
+        return float(self.adjusted.bound[fx]), math.sqrt(left)
+
 
 def self_calibrate(
     frames: Sequence[npt.NDArray[np.uint8]],
@@ -152,38 +172,62 @@ def self_calibrate(
             f'the frames cover {math.degrees(turn):.1f}° of arm azimuth; allowed: '
             f'{math.degrees(_LEAST_TURN):.0f}° or more, best a full turn'
         )
+    begin = camera
+    for _ in range(_PASSES):
+        found = calibrate_by(track(frames, arm_azimuth, begin), camera, given, begin)
+        begin = found.camera
+    return found
+
+
+def calibrate_by(
+    tracks: Tracks, camera: PinholeCamera, given: Given, begin: PinholeCamera | None = None
+) -> SelfCalibration:
+    """
+    Estimate the camera from points that were followed through a sweep.
+
+    Parameters
+    ----------
+    tracks : Tracks
+        What was seen; points that fit badly are dropped.
+    camera : PinholeCamera
+        What is known beforehand, mounting included.
+    given : Given
+        How well.
+    begin : PinholeCamera, optional
+        Where the fit begins; what is known if not given.
+
+    Raises
+    ------
+    ValueError
+        If there are too few points.
+    """
     names = [name for name in UNKNOWNS if given.deviation(name, camera) > 0]
     prior = np.array([given.deviation(name, camera) for name in names])
-    start = camera
-    for _ in range(_PASSES):
-        tracks = track(frames, arm_azimuth, camera)
-        _check_points(len(tracks))
-        first = adjust(tracks, camera, names, prior, origin=start)
-        good = first.residual_px < _WORST * np.median(first.residual_px)
-        tracks = tracks.chosen(good)
-        _check_points(len(tracks))
-        adjusted = adjust(
-            tracks, first.camera, names, prior, origin=start, points=first.points[good]
-        )
-        camera = adjusted.camera
+    _check_points(len(tracks))
+    first = adjust(tracks, begin or camera, names, prior, origin=camera)
+    good = first.residual_px < _WORST * np.median(first.residual_px)
+    tracks = tracks.chosen(good)
+    _check_points(len(tracks))
+    adjusted = adjust(tracks, first.camera, names, prior, origin=camera, points=first.points[good])
+    fitted = adjusted.camera
 
     def estimate(quantity: Callable[[PinholeCamera], float]) -> Estimate:
-        value = quantity(camera)
+        value = quantity(fitted)
         slopes = np.empty(len(names))
         for k, name in enumerate(names):
             step = np.zeros(len(names))
             step[k] = UNKNOWNS[name]
-            slopes[k] = (quantity(moved(camera, names, step)) - value) / UNKNOWNS[name]
+            slopes[k] = (quantity(moved(fitted, names, step)) - value) / UNKNOWNS[name]
         return Estimate(value, math.sqrt(slopes @ adjusted.covariance @ slopes))
 
     estimates = {}
     for name, deviation in zip(names, prior, strict=True):
         found = estimate(_QUANTITIES[name])
-        scale = camera.fx if name == 'focal_length' else 1.0
+        scale = fitted.fx if name == 'focal_length' else 1.0
         seen = found.deviation < _UNOBSERVED * deviation * scale
         estimates[name] = Estimate(found.value, found.deviation, bool(seen))
     return SelfCalibration(
-        camera=camera,
+        camera=fitted,
         estimates=estimates,
         radial_column=estimate(lambda lens: float(lens.project(0.0, 0.0)[0])),
         radial_row=estimate(lambda lens: float(lens.project(0.0, 0.0)[1])),

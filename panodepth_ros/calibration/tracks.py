@@ -10,7 +10,8 @@ assumed camera, but positions are handed out as pixels of the frames themselves.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -32,8 +33,8 @@ _SPACING = 10
 _QUALITY = 0.01
 #: Turn of a point's ray over that of the arm, before it is known.
 _FIRST_RATE = 1.2
-#: Frames of a track are about so far apart, on the cylinder [px].
-_STRIDE = 8.0
+#: Frames of a track are at least so far apart, on the cylinder [px].
+_STRIDE = 7.0
 #: The shift to the next frame is the last one up to this, or the track ends [px].
 _JUMP = 2.0
 #: Mean difference of a patch that is not found again [grey levels].
@@ -104,62 +105,99 @@ class _Cylinder:
         )
 
 
-def track(frames: Sequence[Image], arm_azimuth: Array, camera: PinholeCamera) -> Tracks:
+class Tracker:
     """
-    Follow points through a sweep.
+    Follows points through a sweep while its frames come.
+
+    Only the frames that a point between them can be seen in are kept, some 37° of arm azimuth.
 
     Parameters
     ----------
-    frames : sequence of ndarray of uint8, shape (H, W) or (H, W, 3)
-        In the order of their azimuths, up or down.
-    arm_azimuth : ndarray of float64, shape (N,)
-        γ of each frame, not wrapped [rad].
     camera : PinholeCamera
         What is known of the camera; need not be right.
-
-    Returns
-    -------
-    Tracks
     """
-    cylinder = _Cylinder(camera)
-    pictures = [cylinder.unroll(frame) for frame in frames]
-    width = cylinder.usable.shape[1]
-    steps = np.abs(np.diff(arm_azimuth)) * cylinder.scale
-    stride = max(1, round(_STRIDE / float(np.median(steps))))
-    apart = max(1, round(width / 16 / float(np.median(steps))))
-    middle = np.zeros(cylinder.usable.shape, np.uint8)
-    middle[:, width // 2 - width // 20 : width // 2 + width // 20] = 255
-    middle[~cylinder.usable] = 0
-    rng = np.random.default_rng(0)
-    found: list[tuple[Array, Array, Array]] = []
-    for reference in range(0, len(frames), apart):
+
+    def __init__(self, camera: PinholeCamera) -> None:
+        self._camera = camera
+        self._cylinder = cylinder = _Cylinder(camera)
+        usable = cylinder.usable
+        columns = usable.shape[1]
+        self._middle = np.zeros(usable.shape, np.uint8)
+        self._middle[:, columns // 2 - columns // 20 : columns // 2 + columns // 20] = 255
+        self._middle[~usable] = 0
+        #: Least turn between frames that are kept, and between those whose points are sought.
+        self._stride, self._apart = _STRIDE / cylinder.scale, columns / 16 / cylinder.scale
+        #: Turn after which no point of the middle is in the picture any more.
+        self._reach = (0.5 + 1 / 20) * columns / cylinder.scale
+        self._kept: deque[tuple[float, Image]] = deque()
+        self._waiting: deque[float] = deque()
+        self._found: list[tuple[Array, Array, Array]] = []
+        self._rng = np.random.default_rng(0)
+
+    def add(self, frame: Image, arm_azimuth: float) -> None:
+        """
+        Take the next frame.
+
+        Parameters
+        ----------
+        frame : ndarray of uint8, shape (H, W) or (H, W, 3)
+            Each turned on in the direction of those before.
+        arm_azimuth : float
+            γ, not wrapped [rad].
+        """
+        if self._kept and abs(arm_azimuth - self._kept[-1][0]) < self._stride:
+            return
+        self._kept.append((arm_azimuth, self._cylinder.unroll(frame)))
+        if not self._waiting or abs(arm_azimuth - self._waiting[-1]) >= self._apart:
+            self._waiting.append(arm_azimuth)
+        while len(self._waiting) > 1 and abs(arm_azimuth - self._waiting[0]) > self._reach:
+            self._seek(self._waiting.popleft())
+
+    def tracks(self) -> Tracks:
+        """Return the points followed through all frames; there may come no more."""
+        while self._waiting:
+            self._seek(self._waiting.popleft())
+        longest = max((len(u) for _, u, _ in self._found), default=0)
+        packed = np.full((3, len(self._found), longest), np.nan)
+        for n, sighting in enumerate(self._found):
+            packed[:, n, : len(sighting[0])] = sighting
+        return Tracks(packed[0], packed[1], packed[2])
+
+    def _seek(self, reference_azimuth: float) -> None:
+        """Follow the points in the middle of a kept frame to both sides."""
+        while abs(self._kept[0][0] - reference_azimuth) > self._reach:
+            self._kept.popleft()
+        azimuths, pictures = zip(*self._kept, strict=True)
+        reference = azimuths.index(reference_azimuth)
         corners = cv2.goodFeaturesToTrack(
-            pictures[reference], 1000, _QUALITY, _SPACING, mask=middle, blockSize=9
+            pictures[reference], 1000, _QUALITY, _SPACING, mask=self._middle, blockSize=9
         )
         if corners is None:
-            continue
+            return
         # Interpolation errs by where between the pixels it is: let that be all over the place.
-        start = corners.reshape(-1, 2) + rng.uniform(-0.5, 0.5, (len(corners), 2))
+        start = corners.reshape(-1, 2) + self._rng.uniform(-0.5, 0.5, (len(corners), 2))
         start = start.astype(np.float32)
         sightings = {reference: start}
-        for direction in (stride, -stride):
-            ahead = range(reference + direction, len(frames) if direction > 0 else -1, direction)
-            sightings |= _follow(pictures, reference, start, ahead, arm_azimuth, cylinder)
+        for ahead in (range(reference + 1, len(pictures)), range(reference - 1, -1, -1)):
+            sightings |= _follow(pictures, reference, start, ahead, azimuths, self._cylinder)
         order = sorted(sightings)
         place = np.stack([sightings[k] for k in order], axis=1).astype(np.float64)
-        u, v = cylinder.pixels(place[..., 0], place[..., 1])
-        azimuth = np.broadcast_to(arm_azimuth[order], u.shape)
-        long = np.nanmax(u, axis=1) - np.nanmin(u, axis=1) > _SHORTEST * camera.width
-        found += [
+        u, v = self._cylinder.pixels(place[..., 0], place[..., 1])
+        azimuth = np.broadcast_to([azimuths[k] for k in order], u.shape)
+        long = np.nanmax(u, axis=1) - np.nanmin(u, axis=1) > _SHORTEST * self._camera.width
+        self._found += [
             (azimuth[n][seen], u[n][seen], v[n][seen])
             for n, seen in enumerate(np.isfinite(u))
             if long[n]
         ]
-    longest = max((len(u) for _, u, _ in found), default=0)
-    packed = np.full((3, len(found), longest), np.nan)
-    for n, sighting in enumerate(found):
-        packed[:, n, : len(sighting[0])] = sighting
-    return Tracks(packed[0], packed[1], packed[2])
+
+
+def track(frames: Iterable[Image], arm_azimuth: Array, camera: PinholeCamera) -> Tracks:
+    """Follow points through all frames of a sweep; parameters as of :class:`Tracker`."""
+    tracker = Tracker(camera)
+    for frame, azimuth in zip(frames, arm_azimuth.tolist(), strict=True):
+        tracker.add(frame, azimuth)
+    return tracker.tracks()
 
 
 def _follow(
@@ -167,7 +205,7 @@ def _follow(
     reference: int,
     start: npt.NDArray[np.float32],
     ahead: range,
-    arm_azimuth: Array,
+    arm_azimuth: Sequence[float],
     cylinder: _Cylinder,
 ) -> dict[int, npt.NDArray[np.float32]]:
     """Positions of the reference's patches in frames ahead until none is left; NaN once lost."""
@@ -177,7 +215,7 @@ def _follow(
     rows, columns = cylinder.usable.shape
     scale = cylinder.scale
     for k in ahead:
-        turn = scale * float(arm_azimuth[k] - arm_azimuth[last])
+        turn = scale * (arm_azimuth[k] - arm_azimuth[last])
         if abs(turn) > 0.25 * columns:
             break  # frames are missing
         if rate is None:

@@ -17,10 +17,9 @@ from panodepth_ros.calibration import (
     compare_view_angles,
     self_calibrate,
 )
+from panodepth_ros.calibration.self_calibration import KNOWN_CENTRE, UNKNOWN_CENTRE
 from panodepth_ros.camera.calibration import Calibration, write_calibration
 
-#: How well the principal point is known by a calibration, and as the image centre [widths].
-_KNOWN_CENTRE, _UNKNOWN_CENTRE = 0.002, 0.01
 #: Unknown to its name for people, unit, and factor from the core's unit.
 _SHOWN = {
     'focal_length': ('fx', 'px', 1.0),
@@ -90,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     sweep_alone = rough or arguments.view_angle
     given = Given(
         focal_length=math.inf if sweep_alone else arguments.focal_length_sd / 100,
-        principal_point=_UNKNOWN_CENTRE if rough else _KNOWN_CENTRE,
+        principal_point=UNKNOWN_CENTRE if rough else KNOWN_CENTRE,
     )
     try:
         sweep = read_sweep(
@@ -128,6 +127,11 @@ def report(sweep: RecordedSweep, found: SelfCalibration, *, view_angle: bool) ->
         shown, unit, factor = _SHOWN[name]
         note = '' if estimate.observed else '   not observed: mostly what was given'
         lines.append(f'  {shown:5s}{_text(estimate, factor, unit)}{note}')
+    if limits := found.focal_length_limits():
+        lines.append(
+            f'  fx would be known to ± {100 * limits[0]:.2f} % if all errors were white noise, to '
+            f'± {100 * limits[1]:.2f} % if k1 were known exactly'
+        )
     lines.append('determined together')
     lines.append(f'  column that looks along the arm (yaw, cx)  {_text(found.radial_column)}')
     lines.append(f'  row that looks along the arm (tilt, cy)    {_text(found.radial_row)}')

@@ -164,7 +164,8 @@ class PinholeCamera:
         u, v = np.broadcast_arrays(np.asarray(u, np.float64), np.asarray(v, np.float64))
         x, y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
         for _ in range(_MOST_ITERATIONS if self.distorted else 0):
-            reached_u, reached_v = self._imaged(x, y)
+            with np.errstate(over='ignore', invalid='ignore'):  # on the way to no ray
+                reached_u, reached_v = self._imaged(x, y)
             off_u, off_v = u - reached_u, v - reached_v
             if max(np.abs(off_u).max(), np.abs(off_v).max()) < _EXACT_PX:
                 break
@@ -181,6 +182,17 @@ class PinholeCamera:
     def _imaged(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Lens model and K: ideal coordinates, right and down, to pixels."""
         if not self.distorted:
+            return self.cx + self.fx * x, self.cy + self.fy * y
+        if self.distortion_model == 'plumb_bob':
+            # As cv2.projectPoints, which takes ten times as long.
+            k1, k2, p1, p2, *k3 = self.distortion
+            xx, yy, xy = x * x, y * y, 2.0 * x * y
+            rr = xx + yy
+            bent = 1.0 + rr * (k1 + rr * (k2 + rr * (k3[0] if k3 else 0.0)))
+            x, y = (
+                x * bent + p1 * xy + p2 * (rr + 2.0 * xx),
+                y * bent + p2 * xy + p1 * (rr + 2.0 * yy),
+            )
             return self.cx + self.fx * x, self.cy + self.fy * y
         K = np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
         D = np.array(self.distortion)

@@ -1,5 +1,5 @@
 """
-How the mosaicer leads a sweep: what stepping and steady turning share.
+How a node leads a sweep: what stepping and steady turning share.
 
 A leader asks the arm's services and watches that what it asked for comes about; the frames go
 their own way, through the assembler.
@@ -18,7 +18,7 @@ from rclpy.node import Node
 
 from panodepth_ros.mosaic.builder import SweepBuilder
 from panodepth_ros.nodes.arm_watch import ArmWatch
-from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
+from panodepth_ros.nodes.stepping_settings import SteppingParameters
 
 
 class Leader(ABC):
@@ -46,7 +46,7 @@ class Leader(ABC):
         self,
         node: Node,
         builder: SweepBuilder[Any],
-        settings: Callable[[], MosaicerParameters],
+        settings: Callable[[], SteppingParameters],
         give_up: Callable[[str], None],
         watch: ArmWatch,
     ) -> None:

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from panodepth_ros.geometry import Mounting
-from panodepth_ros.mosaic import ArmMotion, ArmTrack, Assembler, ContinuousAssembler, Rig
+from panodepth_ros.mosaic import ArmMotion, Assembler, ContinuousAssembler, Rig
 from panodepth_ros.mosaic.builder import SweepBuilder
 from panodepth_ros.mosaic.rig import columns_per_turn
-from panodepth_ros.nodes.still_settings import StillParameters
+from panodepth_ros.nodes.stepping_settings import SteppingParameters
 from panodepth_ros.ros.parameters import parameter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MosaicerParameters(StillParameters):
+class MosaicerParameters(SteppingParameters):
     """Parameters of the mosaicer."""
 
     lead: bool = parameter(
@@ -125,39 +125,6 @@ class MosaicerParameters(StillParameters):
     frame_id: str = parameter(
         'panodepth', 'Frame of the panoramas: on the axis, z up, x forward, not turning'
     )
-    joint_name: str = parameter('panodepth_arm_joint', "The arm's joint in joint_states")
-    settle_time: float = parameter(
-        0.0,
-        'Time a frame must come after the start of a standstill, for arms that report standing '
-        'before they have settled',
-        unit='s',
-        bounds=(0.0, 10.0),
-    )
-    standstill_tolerance_deg: float = parameter(
-        0.002, 'Largest change of position that counts as standing', unit='°', bounds=(0.0, 1.0)
-    )
-    joint_state_gap: float = parameter(
-        1.0, 'Longest time between joint states around a frame', unit='s', bounds=(0.01, 10.0)
-    )
-    step_timeout: float = parameter(
-        10.0, 'Longest time for a step of the arm', unit='s', bounds=(0.1, 600.0)
-    )
-    frame_timeout: float = parameter(
-        5.0,
-        'Time without a frame after which the camera is reported',
-        unit='s',
-        bounds=(0.1, 60.0),
-    )
-    robot_motion: str = parameter(
-        'heed',
-        'What odom and cmd_vel are for: heed gives up a sweep during which they tell that the '
-        'robot moves, require also one of which odom does not prove that it stands',
-        choices=('ignore', 'heed', 'require'),
-    )
-    stamped_cmd_vel: bool = parameter(
-        False, 'Whether cmd_vel is TwistStamped, as in Kilted and later, or Twist'
-    )
-
     state_file: str = parameter(
         '',
         'Where a led sweep is kept, so that a killed mosaicer goes on with it; best in memory, as '
@@ -223,17 +190,14 @@ class MosaicerParameters(StillParameters):
 
     def builder(self) -> SweepBuilder[Any]:
         """Return what makes sweeps of frames and joint states."""
-        longest_gap = round(self.joint_state_gap * 1e9)
         if self.motion == 'continuous':
             return ContinuousAssembler(
                 self.rig(),
-                ArmMotion(longest_gap),
+                ArmMotion(round(self.joint_state_gap * 1e9)),
                 round(self.image_delay_ms * 1e6),
                 self.row_time_us * 1e-6,
             )
-        tolerance = math.radians(self.standstill_tolerance_deg)
-        track = ArmTrack(tolerance, longest_gap)
-        return Assembler(self.rig(), track, round(self.settle_time * 1e9))
+        return Assembler(self.rig(), self.arm_track(), round(self.settle_time * 1e9))
 
     def renew_timing(self, builder: SweepBuilder[Any], before: MosaicerParameters) -> None:
         """Let a builder go on with these delays; one corrected since stays if it was not set."""

@@ -16,7 +16,7 @@ from rclpy.qos import qos_profile_sensor_data
 from panodepth_ros.mosaic import Sweep
 from panodepth_ros.mosaic.builder import SweepBuilder
 from panodepth_ros.motion.standstill import GAP, Standstill, motion_at
-from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
+from panodepth_ros.nodes.stepping_settings import SteppingParameters
 from panodepth_ros.ros.messages import odometry
 
 #: A robot that moved has to stand this long before a sweep may begin [s].
@@ -40,7 +40,7 @@ class RobotWatch:
         Owns the subscriptions.
     builder : SweepBuilder
         Makes the sweeps.
-    settings : MosaicerParameters
+    settings : SteppingParameters
         In force.
     look : callable
         Called when something was heard, or time has passed, that may decide about a sweep;
@@ -53,7 +53,7 @@ class RobotWatch:
         self,
         node: Node,
         builder: SweepBuilder[Any],
-        settings: MosaicerParameters,
+        settings: SteppingParameters,
         look: Callable[[], None],
         give_up: Callable[[str], None],
     ) -> None:
@@ -81,7 +81,7 @@ class RobotWatch:
             node.create_subscription(Twist, 'cmd_vel', self._on_command, 10)
         node.create_timer(_PERIOD, look)
 
-    def configure(self, settings: MosaicerParameters) -> None:
+    def configure(self, settings: SteppingParameters) -> None:
         """Take new limits; they act on what comes."""
         self._standstill.limits = settings.still_limits()
 

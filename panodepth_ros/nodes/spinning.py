@@ -14,7 +14,7 @@ from panodepth_ros.mosaic import ContinuousAssembler
 from panodepth_ros.mosaic.builder import NEVER
 from panodepth_ros.nodes.arm_watch import ArmWatch
 from panodepth_ros.nodes.leading import Leader, TurnWatch
-from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
+from panodepth_ros.nodes.stepping_settings import SteppingParameters
 from panodepth_ros.ros.diagnostics import OK, WARN
 
 
@@ -33,7 +33,7 @@ class SpinLeader(Leader):
         self,
         node: Node,
         builder: ContinuousAssembler,
-        settings: Callable[[], MosaicerParameters],
+        settings: Callable[[], SteppingParameters],
         give_up: Callable[[str], None],
         watch: ArmWatch,
     ) -> None:

@@ -1,4 +1,4 @@
-"""The mosaicer leads a sweep step by step, a frame at each standstill."""
+"""A node leads a sweep step by step, a frame at each standstill."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 from panodepth_ros.mosaic import Assembler, Standstill
 from panodepth_ros.nodes.arm_watch import ArmWatch
 from panodepth_ros.nodes.leading import Leader, TurnWatch
-from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
+from panodepth_ros.nodes.stepping_settings import SteppingParameters
 from panodepth_ros.ros.diagnostics import OK, WARN
 
 #: A new driver of the arm is given this time to be found before it is asked for anything [s].
@@ -38,7 +38,7 @@ class StepLeader(Leader):
         self,
         node: Node,
         builder: Assembler,
-        settings: Callable[[], MosaicerParameters],
+        settings: Callable[[], SteppingParameters],
         give_up: Callable[[str], None],
         watch: ArmWatch,
         keep: Callable[[float], None],
@@ -90,12 +90,12 @@ class StepLeader(Leader):
                     f'{settings.step_timeout:g} s'
                 )
         elif not self._back and not self._took_one_stripe(standstill):
-            stripe, step = settings.stripe_columns, settings.column_step_deg
+            stripe, step = self._rig.stripe_columns, math.degrees(self._rig.column_step)
             columns = f'{stripe} columns of {step:g}' if stripe > 1 else f'{step:g}'
             moved = math.degrees(standstill.azimuth - self._azimuth)
             self._give_up(
                 f'the arm moved {moved:.4f}° on a step; '
-                f"allowed: the arm's step_deg must be the mosaicer's {columns}°"
+                f"allowed: the arm's step_deg must be the {self._node.get_name()}'s {columns}°"
             )
         elif not self._assembler.has_frame_of(standstill):
             if self.waited > settings.frame_timeout:

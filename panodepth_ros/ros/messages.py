@@ -54,15 +54,31 @@ def odometry(message: OdometryMessage) -> Odometry:
     )
 
 
-def pinhole_camera(info: CameraInfo) -> PinholeCamera:
+def pinhole_camera(info: CameraInfo, view_angle: float | None = None) -> PinholeCamera:
     """
     Read the intrinsics of an ordinary camera.
+
+    Parameters
+    ----------
+    info : CameraInfo
+    view_angle : float, optional
+        Rough horizontal view angle [rad] in place of the calibration, of an ideal camera.
 
     Raises
     ------
     ValueError
         If the camera is uncalibrated or its model unknown.
     """
+    if view_angle is not None:
+        focal_length = 0.5 * info.width / math.tan(0.5 * view_angle)
+        return PinholeCamera(
+            width=info.width,
+            height=info.height,
+            fx=focal_length,
+            fy=focal_length,
+            cx=0.5 * (info.width - 1),
+            cy=0.5 * (info.height - 1),
+        )
     k = info.k
     return PinholeCamera(
         width=info.width,

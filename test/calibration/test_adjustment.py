@@ -78,6 +78,68 @@ def test_estimates_are_as_far_off_as_their_uncertainty_says():
     assert 0.3 < np.sqrt(np.mean(np.square(off))) < 1.8
 
 
+def with_distances(points, inverse, bend, noise, seed):
+    """Tracks of points that were moved, with a bend of each path [px at the image's edge]."""
+    points = points.copy()
+    points[:, 1] = inverse
+    azimuth = points[:, :1] + np.radians(np.linspace(-17, 17, 30))
+    place = residuals(Tracks(azimuth, 0 * azimuth, 0 * azimuth), TRUE, points)
+    u, v = np.moveaxis(place, -1, 0) + noise * np.random.default_rng(seed).normal(
+        size=(2, *azimuth.shape)
+    )
+    outside = (u < 0) | (u > 159) | (v < 0) | (v > 119)
+    u = u + bend[:, np.newaxis] * ((u - 79.5) / 80) ** 5
+    tracks = Tracks(azimuth, np.where(outside, np.nan, u), np.where(outside, np.nan, v))
+    return tracks.chosen((~outside).sum(axis=1) > 10)
+
+
+#: fx not given at all.
+SWEEP_ALONE = np.array([INF, INF, INF, INF, 0.32, 0.32, INF])
+
+
+def test_fit_of_like_distances_ends_at_the_same_place_from_every_start():
+    # As of one wall: the valley along which fx, k1 and distances change is long and curved.
+    _, points = seen_by(TRUE, 300, 0.0)
+    inverse = 0.3 / np.random.default_rng(0).uniform(0.9, 1.2, 300)
+    tracks = with_distances(points, inverse, np.full(300, 0.1), 0.02, 1)
+    ends = []
+    for scale in (0.97, 1.0, 1.03):
+        start = replace(ALIGNED, fx=scale * F, fy=scale * F)
+        ends.append(adjust(tracks, start, NAMES, SWEEP_ALONE, origin=start).camera.fx)
+    assert max(ends) / min(ends) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_sectors_that_agree_by_chance_tell_no_more_than_white_noise_lets_them():
+    _, points = seen_by(TRUE, 300, 0.0)
+    inverse = 0.3 / np.random.default_rng(0).uniform(0.9, 1.2, 300)
+    tracks = with_distances(points, inverse, np.zeros(300), 0.02, 1)
+    found = adjust(tracks, ALIGNED, NAMES, SWEEP_ALONE, origin=ALIGNED)
+    assert math.sqrt(found.covariance[0, 0]) >= 0.999 * found.bound[0]
+    assert abs(math.log(found.camera.fx / F)) < 3 * found.bound[0]
+    # Without k1 among the unknowns the same sightings tell fx several times as well.
+    names = [name for name in NAMES if name != 'k1']
+    held = adjust(tracks, TRUE, names, SWEEP_ALONE[:-1], origin=TRUE)
+    left = np.linalg.inv(np.linalg.inv(found.covariance)[:-1, :-1])
+    assert held.bound[0] < 0.4 * found.bound[0]
+    assert held.bound[0] == pytest.approx(math.sqrt(left[0, 0]), rel=0.4)
+
+
+def test_errors_that_points_of_a_wall_share_widen_the_uncertainty():
+    off, wider = [], []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        _, points = seen_by(TRUE, 600, 0.0, seed)
+        wall = np.floor((points[:, 0] + math.pi) / (math.pi / 6)).astype(int)
+        inverse = 0.3 / (rng.uniform(0.8, 3.0, 12)[wall] * rng.uniform(0.98, 1.02, 600))
+        tracks = with_distances(points, inverse, rng.normal(0, 0.03, 12)[wall], 0.01, seed)
+        found = adjust(tracks, TRUE, NAMES, SWEEP_ALONE, origin=TRUE)
+        deviation = math.sqrt(found.covariance[0, 0])
+        off.append(math.log(found.camera.fx / F) / deviation)
+        wider.append(deviation / found.bound[0])
+    assert np.sqrt(np.mean(np.square(off))) < 2.0
+    assert np.median(wider) > 3.0, 'white noise is not what errs here'
+
+
 def test_tilt_and_principal_row_are_told_together_only():
     tracks, _ = seen_by(TRUE, 400, 0.07)
     found = adjust(tracks, ALIGNED, NAMES, PRIOR, origin=ALIGNED)

@@ -78,6 +78,7 @@ def test_bag_of_a_turned_camera_gives_calibration_and_mounting(
     assert '250 frames over 99.6°' in said
     assert 'cy   ' in said
     assert 'not observed' in said
+    assert 'if all errors were white noise' in said
     calibration = read_calibration(camera_file)
     assert calibration.camera_name == 'panodepth_camera'
     assert calibration.camera_matrix[0] == pytest.approx(IDEAL.fx, rel=2e-3)

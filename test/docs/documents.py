@@ -20,7 +20,16 @@ NO_COMMANDS = (
 )
 #: Words that begin a command in the middle of a sentence.
 PROGRAMS = (
-    *('panodepth_ros', 'arm_driver', 'camera', 'mosaicer', 'depth', 'check_scan', 'views'),
+    *(
+        'panodepth_ros',
+        'arm_driver',
+        'camera',
+        'mosaicer',
+        'depth',
+        'calibrator',
+        'check_scan',
+        'views',
+    ),
     *('simulated_arm', 'ros2', 'make', 'python', 'pip', 'colcon', 'rosdep', 'apt-get'),
     *('.ci/run', '.venv/jazzy/bin/python', 'v4l2-ctl', 'git', 'rviz2'),
 )

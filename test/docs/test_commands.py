@@ -263,7 +263,16 @@ CHECKS = {
     'python': _python,
     '.venv/jazzy/bin/python': _python,
     **dict.fromkeys(
-        ('panodepth_ros', 'arm_driver', 'camera', 'mosaicer', 'depth', 'check_scan', 'views'),
+        (
+            'panodepth_ros',
+            'arm_driver',
+            'camera',
+            'mosaicer',
+            'depth',
+            'calibrator',
+            'check_scan',
+            'views',
+        ),
         _ours,
     ),
     'simulated_arm': _ours,

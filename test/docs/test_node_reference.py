@@ -29,14 +29,14 @@ def granted(node, what, kind):
     return {name for name in names if not any(word in name for word in OF_RCLPY)}
 
 
-@pytest.mark.parametrize('node', ['arm_driver', 'camera', 'mosaicer', 'depth'])
+@pytest.mark.parametrize('node', ['arm_driver', 'camera', 'mosaicer', 'depth', 'calibrator'])
 def test_services_are_documented(node):
     found = documented(node)
     assert found['services'] == granted(node, 'services', 'reply')
     assert found.get('calls', set()) == granted(node, 'services', 'request')
 
 
-@pytest.mark.parametrize('node', ['arm_driver', 'camera', 'mosaicer', 'depth'])
+@pytest.mark.parametrize('node', ['arm_driver', 'camera', 'mosaicer', 'depth', 'calibrator'])
 def test_documented_topics_exist(node):
     found = documented(node)
     assert found['publishes']

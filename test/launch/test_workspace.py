@@ -62,6 +62,7 @@ def test_every_executable_is_installed_where_ros2_run_looks(installed):
     assert {path.name for path in installed.iterdir()} == {
         *NODES,
         'simulated_arm',
+        'calibrator',
         'views',
         'check_scan',
         'panodepth_ros',

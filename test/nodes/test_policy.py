@@ -9,6 +9,7 @@ from fixtures.arm import FAST, ArmServer
 from rclpy.parameter import Parameter
 
 from panodepth_ros.nodes.arm_driver import ArmDriver
+from panodepth_ros.nodes.calibrator import Calibrator
 from panodepth_ros.nodes.camera import CameraNode
 from panodepth_ros.nodes.depth import Depth
 from panodepth_ros.nodes.mosaicer import Mosaicer
@@ -30,6 +31,7 @@ WAYS = {
         {'further_offsets_px': [20.0], 'partial_deg': 30.0},
         {'motion': 'continuous', 'image_transport': 'compressed'},
     ],
+    'calibrator': [{}],
     'depth': [{'further_pairs': 1, 'use_center': True, 'method': 'sgbm'}],
 }
 
@@ -58,7 +60,13 @@ def granted():
 def used(ros, tmp_path):
     """What the running nodes have, as :func:`granted`."""
     server = ArmServer(tmp_path / 'arm', FAST)
-    made = {'arm_driver': ArmDriver, 'camera': CameraNode, 'mosaicer': Mosaicer, 'depth': Depth}
+    made = {
+        'arm_driver': ArmDriver,
+        'camera': CameraNode,
+        'mosaicer': Mosaicer,
+        'calibrator': Calibrator,
+        'depth': Depth,
+    }
     own = {
         'arm_driver': {'port': server.link},
         'camera': {

@@ -184,7 +184,7 @@ def test_shipped_parameter_files_fit_the_tables(tool, name):
     nodes = {
         name.removeprefix('/**/'): entry['ros__parameters'] for name, entry in content.items()
     }
-    assert set(nodes) == {'arm_driver', 'camera', 'mosaicer', 'depth', 'views'}
+    assert set(nodes) == {'arm_driver', 'camera', 'mosaicer', 'depth', 'calibrator', 'views'}
     for node, values in nodes.items():
         table = tool['TABLES'][node](**values)
         for key, value in values.items():
