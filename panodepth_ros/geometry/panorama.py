@@ -106,9 +106,13 @@ class PanoramaGeometry:
         deviation = np.abs(self.ray_angle - self.principal_angle)
         return bool(np.all(deviation <= RAY_ANGLE_TOLERANCE))
 
-    def ray_azimuth(self, column: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def ray_azimuth(
+        self, column: npt.ArrayLike, ray_angle: npt.NDArray[np.float64] | None = None
+    ) -> npt.NDArray[np.float64]:
         """
         Azimuth β at which a column looks [rad], not wrapped; any shape, columns may be real.
+
+        ``ray_angle`` is their :meth:`ray_angle_at`, for who has it already.
 
         Notes
         -----
@@ -119,7 +123,7 @@ class PanoramaGeometry:
         azimuth = (self.azimuth_column - place) * self.column_step
         if math.isinf(self.stripe_distance) or self.uniform:
             return azimuth
-        turn = self.stripe_turn(self.ray_angle_at(place))
+        turn = self.stripe_turn(self.ray_angle_at(place) if ray_angle is None else ray_angle)
         return azimuth + np.where(np.isfinite(turn), turn, 0.0)
 
     def stripe_turn(self, ray_angle: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -130,13 +134,14 @@ class PanoramaGeometry:
 
     def ray_angle_at(self, column: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Ray angle [rad] at real columns, any shape, linear between; NaN at NaN and by unseen."""
-        matched = np.isfinite(column)
-        whole = np.floor(np.where(matched, column, 0.0))
-        share = np.where(matched, column, 0.0) - whole
+        whole = np.floor(np.where(np.isfinite(column), column, 0.0))
         index = whole.astype(np.int64) % self.columns
-        low, high = self.ray_angle[index], self.ray_angle[(index + 1) % self.columns]
-        between = np.where(share > 0, low + share * (high - low), low)
-        return np.where(matched, between, np.nan)
+        step = np.roll(self.ray_angle, -1) - self.ray_angle
+        with np.errstate(invalid='ignore'):
+            share = column - whole
+            beyond = share * step[index]
+        # Beside an unseen column a step is NaN, which must not spoil whole columns.
+        return np.asarray(self.ray_angle[index] + np.where(share == 0, 0.0, beyond))
 
     def slope(self, row: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Height over horizontal distance from the camera centre, z/d, of a row; any shape."""

@@ -9,6 +9,8 @@ import numpy.typing as npt
 
 from panodepth_ros.geometry import SURFACE_DEPTH, Points
 
+Array = npt.NDArray[np.float64]
+
 #: A surface may find its support within this angle to either side of a beam [rad].
 NEIGHBOURHOOD = np.deg2rad(2.0)
 #: Nearer than this a surface needs more support, by the cube of how much nearer it is [m].
@@ -135,7 +137,7 @@ def beam_confidence(
     confidence: npt.NDArray[np.float32],
     ranges: npt.NDArray[np.float32],
     settings: ScanSettings,
-) -> npt.NDArray[np.float64]:
+) -> Array:
     """
     Mean confidence of the pixels that a beam's range comes from.
 
@@ -177,12 +179,12 @@ def _pixels_of_beams(
 
 def _nearest_surfaces(
     beam: npt.NDArray[np.int64],
-    distance: npt.NDArray[np.float64],
+    distance: Array,
     confidence: npt.NDArray[np.float32],
     beams: int,
     support: float,
     limit: float,
-) -> npt.NDArray[np.float64]:
+) -> Array:
     """
     Distance of the nearest supported surface of each beam, NaN where there is none.
 
@@ -196,20 +198,19 @@ def _nearest_surfaces(
     levels = int(level.max()) + 1
     of_level = distance.min() * np.exp(np.arange(levels) * _DEPTH_STEP)
     depth = int(np.log1p(SURFACE_DEPTH) / _DEPTH_STEP) + 1
-    own = np.zeros((beams, levels + depth), np.float32)
-    np.add.at(own, (beam, level), confidence)
-    pooled = _sums(own, depth, axis=1)[:, :levels]
+    # Weighted counts of what the pixels hold: np.add.at takes many times as long.
+    size = levels + depth
+    sums = np.bincount(beam * size + level, confidence, beams * size)
+    own: Array = sums.reshape(beams, size).astype(np.float64, copy=False)
+    pooled = _sums(own.T, depth)[:levels].T
     reach = round(NEIGHBOURHOOD / (2 * np.pi) * beams)
     needed = support * np.maximum(FULL_SUPPORT / of_level, 1.0) ** 3
     needed = np.minimum(needed, max(support, limit * (2 * reach + 1)))
-    pooled = _sums(
-        np.concatenate([pooled[beams - reach :], pooled, pooled[:reach]]), 2 * reach + 1
-    )
-    supported = (pooled >= needed) & (own[:, :levels] > 0)
-    first = np.where(supported.any(axis=1), supported.argmax(axis=1), levels + depth)
+    around = np.concatenate([pooled[beams - reach :], pooled, pooled[:reach]])
+    supported = (_sums(around, 2 * reach + 1) >= needed) & (own[:, :levels] > 0)
+    first = np.where(supported.any(axis=1), supported.argmax(axis=1), size)
     inside = (level >= first[beam]) & (level < first[beam] + depth)
-    order = np.lexsort((distance[inside], beam[inside]))
-    of_beam, of_distance = beam[inside][order], distance[inside][order]
+    of_beam, of_distance = _sorted(beam[inside], distance[inside])
     start = np.flatnonzero(np.diff(of_beam, prepend=-1))
     count = np.diff(start, append=of_beam.size)
     # The median: the middle one, or the mean of both.
@@ -218,10 +219,20 @@ def _nearest_surfaces(
     return nearest
 
 
-def _sums(values: npt.NDArray[np.float32], width: int, axis: int = 0) -> npt.NDArray[np.float32]:
-    """Sums of ``width`` neighbours along an axis; the first at index 0."""
-    total = np.cumsum(values, axis=axis, dtype=np.float64)
-    total = np.concatenate([np.zeros_like(np.take(total, [0], axis=axis)), total], axis=axis)
-    high = np.take(total, np.arange(width, total.shape[axis]), axis=axis)
-    low = np.take(total, np.arange(total.shape[axis] - width), axis=axis)
-    return (high - low).astype(np.float32)
+def _sums(values: Array, width: int) -> Array:
+    """Sums of ``width`` neighbours along the first axis; the first at index 0."""
+    total = np.zeros((values.shape[0] + 1, values.shape[1]))
+    np.cumsum(values, axis=0, out=total[1:])
+    return total[width:] - total[:-width]
+
+
+def _sorted(beam: npt.NDArray[np.int64], distance: Array) -> tuple[npt.NDArray[np.int64], Array]:
+    """
+    Beams and distances, at the precision of float32, in the order of both.
+
+    The bits of positive numbers are ordered as these are, so that one sort of integers does.
+    """
+    bits = distance.astype(np.float32).view(np.uint32)
+    keys = np.sort((beam.astype(np.uint64) << np.uint64(32)) | bits)
+    ordered = keys.astype(np.uint32).view(np.float32)
+    return (keys >> np.uint64(32)).astype(np.int64), ordered.astype(np.float64)
