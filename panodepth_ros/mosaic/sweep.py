@@ -33,7 +33,7 @@ class _View:
         self.principal_row = camera.cy - first_row
         rows_down = np.arange(self.rows, dtype=np.float64)
         slope = (self.principal_row - rows_down) / self.focal_length_px
-        self.lookup = ColumnLookup(camera, slope)
+        self.lookup = ColumnLookup(camera, slope, 2 * math.pi / columns)
         self.ray_angle = np.full(columns, np.nan)
         self.image: npt.NDArray[np.uint8] | None = None
 

@@ -15,6 +15,8 @@ from panodepth_ros.mosaic.lookup import focal_length, snapped, visible_rows
 W, H, F = 21, 9, 40.0
 CAMERA = PinholeCamera(width=W, height=H, fx=F, fy=F, cx=10.0, cy=4.0)
 v_grid, u_grid = np.mgrid[0:H, 0:W]
+#: A column that is not wider than a pixel [rad].
+PIXEL = 0.8 / F
 LINEAR = (5 * u_grid + 12 * v_grid).astype(np.uint8)
 
 
@@ -27,7 +29,7 @@ def sampled(u, slope_offset=None, image=LINEAR):
     """Column at pixel coordinate u, along the rows of the column at ``slope_offset``."""
     offset = u - 10.0
     slope = rows_of(offset if slope_offset is None else slope_offset)
-    return ColumnLookup(CAMERA, slope).column(image, CAMERA.ray_angle(offset))
+    return ColumnLookup(CAMERA, slope, PIXEL).column(image, CAMERA.ray_angle(offset))
 
 
 @pytest.mark.parametrize('u', [0, 3, 10, 20])
@@ -67,9 +69,33 @@ def test_colours_are_interpolated_alike():
     assert column[:, 1].tolist() == pytest.approx(255 - (5 * 7.4 + 12 * np.arange(H)), abs=0.5001)
 
 
+def wide(u, pixels, image, roll=0.0):
+    """Column around pixel coordinate u that covers so many pixels."""
+    camera = replace(CAMERA, mounting=Mounting(roll=roll))
+    angle, side = CAMERA.ray_angle(u - 10.0), (10.0 - u) / F
+    step = pixels / F / (1 + side**2)
+    return ColumnLookup(camera, np.zeros(1), step).column(image, angle)
+
+
+def test_wide_column_is_the_mean_of_what_it_covers():
+    noise = np.random.default_rng(3).integers(0, 256, (H, W)).astype(np.uint8)
+    row = noise[4].astype(float)
+    assert wide(7.0, 3.0, noise)[0] == pytest.approx(row[6:9].mean(), abs=0.51)
+    quarters = 0.25 * row[5] + row[6:9].sum() + 0.75 * row[9]
+    assert wide(7.25, 4.0, noise)[0] == pytest.approx(quarters / 4, abs=0.6)
+    assert wide(10.0, 3.0, noise, roll=math.pi / 2)[0] == pytest.approx(
+        noise[3:6, 10].mean(), abs=0.51
+    )
+
+
+@pytest.mark.parametrize('u', [0.0, 0.6, 19.7, 20.0])
+def test_wide_column_at_the_side_stays_in_its_place(u):
+    assert wide(u, 5.0, LINEAR)[0] == pytest.approx(5 * u + 12 * 4, abs=0.51)
+
+
 def test_image_of_one_row():
     camera = PinholeCamera(width=W, height=1, fx=F, fy=F, cx=10.0, cy=0.0)
-    column = ColumnLookup(camera, np.zeros(1)).column(LINEAR[:1], camera.ray_angle(2.5))
+    column = ColumnLookup(camera, np.zeros(1), PIXEL).column(LINEAR[:1], camera.ray_angle(2.5))
     assert column.tolist() == [62]  # 5 · 12.5, halves go to the even side
 
 
@@ -114,7 +140,7 @@ def test_positions_of_a_ray_are_computed_once(monkeypatch):
     lens = PinholeCamera(
         width=W, height=H, fx=F, fy=F, cx=10.0, cy=4.0, distortion=(0.1, 0.0, 0.0, 0.0)
     )
-    lookup, angle = ColumnLookup(lens, rows_of(2.0)), lens.ray_angle(2.0)
+    lookup, angle = ColumnLookup(lens, rows_of(2.0), PIXEL), lens.ray_angle(2.0)
     first = lookup.column(LINEAR, angle)
     monkeypatch.setattr(PinholeCamera, 'project', None)
     assert np.array_equal(lookup.column(LINEAR, angle), first)
@@ -134,14 +160,15 @@ def test_rolled_columns_lose_the_rows_that_leave_the_image_at_its_side():
     assert 0 < count < H
     for offset in (8.0, -8.0):
         slope = (4.0 - np.arange(first, first + count)) / focal_length(CAMERA, offset)
-        assert ColumnLookup(rolled, slope).column(LINEAR, CAMERA.ray_angle(offset)) is not None
+        lookup = ColumnLookup(rolled, slope, PIXEL)
+        assert lookup.column(LINEAR, CAMERA.ray_angle(offset)) is not None
 
 
 def test_lookup_is_gone_as_soon_as_nobody_refers_to_it():
     # Else the mosaicer of an arm that never stops grows by its sampling positions with each turn.
     gc.disable()
     try:
-        lookup = ColumnLookup(CAMERA, rows_of(0.0))
+        lookup = ColumnLookup(CAMERA, rows_of(0.0), PIXEL)
         lookup.column(LINEAR, 0.1)
         gone = weakref.ref(lookup)
         del lookup
