@@ -147,6 +147,12 @@ def _sweep(parameters: Path, output: Path, scratch: Path) -> _Sweep:
     link = str(scratch / 'arm')
     ros_arguments = ['--ros-args', '--params-file', str(parameters)]
     try:
+        # Begun first it ends last: a result may be on its way to it when this process has it.
+        processes.start(
+            'record',
+            'panodepth_ros.cli.main',
+            ['record', '--output', str(output / 'bag'), *(f'/{topic}' for topic in TOPICS)],
+        )
         processes.start('simulated_arm', 'panodepth_ros.cli.simulated_arm', ['--link', link])
         _wait(Path(link).exists, processes, 'the simulated arm')
         for node, own in (
@@ -156,11 +162,6 @@ def _sweep(parameters: Path, output: Path, scratch: Path) -> _Sweep:
             ('depth', []),
         ):
             processes.start(node, f'panodepth_ros.nodes.{node}', [*ros_arguments, *own])
-        processes.start(
-            'record',
-            'panodepth_ros.cli.main',
-            ['record', '--output', str(output / 'bag'), *(f'/{topic}' for topic in TOPICS)],
-        )
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         try:
             sweep = _Sweep(processes)
