@@ -6,9 +6,10 @@ import threading
 
 import pytest
 import serial
-from fixtures.arm import ArmServer, wait_until
+from fixtures.arm import DEG, ArmServer, wait_until
 from fixtures.ros import started
 
+from panodepth_ros.arm.driver import GrblArm
 from panodepth_ros.arm.terminal import SimulatedArm, TerminalError
 from panodepth_ros.arm.truth import TruthError, TruthReader
 
@@ -126,6 +127,20 @@ def test_program_ends_cleanly(link, tmp_path, number):
             assert answers[-2:] == [b'ok', b'ok']
         assert TruthReader(f'{link}.truth').azimuth(1e9) == pytest.approx(3.4907e-4, abs=1e-7)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.launch
+def test_program_has_a_mark_that_the_driver_finds(link):
+    arguments = ('--link', str(link), '--boot-time', '0.01', '--max-rate', '400', '--index', '33')
+    with started('simulated_arm', *arguments) as program:
+        program.wait_for_output('simulated arm on')
+        arm = GrblArm(str(link), speed=400 * DEG, listener=lambda _: None, index_within=0.0)
+        try:
+            assert arm.home().azimuth == pytest.approx(0.0, abs=1e-9)
+            true = TruthReader(f'{link}.truth').azimuth(1e9)
+            assert true == pytest.approx(33 * DEG, abs=0.041 * DEG)  # a motor step
+        finally:
+            arm.close()
 
 
 @pytest.mark.launch

@@ -3,12 +3,14 @@
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from fixtures.ros import started
+from fixtures.arm import wait_until
+from fixtures.ros import Program, started
 from std_srvs.srv import Trigger
 
 pytestmark = [pytest.mark.ros, pytest.mark.launch, pytest.mark.timeout(300)]
@@ -116,6 +118,56 @@ def test_installed_nodes_answer(ros, installed, tmp_path):
                     ros.spin_until(client.service_is_ready, 'mosaicer/start')
                     answer = ros.result(client.call_async(Trigger.Request()))
                     assert 'no camera_info' in answer.message
+
+
+LAUNCH = """
+import sys
+from launch import LaunchService
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import AnyLaunchDescriptionSource
+
+service = LaunchService()
+file, parameters = sys.argv[1:]
+arguments = {'simulated': 'false', 'params_file': parameters}.items()
+service.include_launch_description(
+    IncludeLaunchDescription(AnyLaunchDescriptionSource(file), launch_arguments=arguments)
+)
+sys.exit(service.run())
+"""
+
+
+def test_launch_file_starts_a_killed_node_again_but_none_that_ends_by_itself(
+    ros_domain, installed, tmp_path
+):
+    pytest.importorskip('launch_ros', reason='needs ROS 2 launch, which PyPI does not have')
+    share = installed.parents[1] / 'share' / 'panodepth_ros'
+    parameters = tmp_path / 'parameters.yaml'
+    port = tmp_path / 'no_such_port'
+    parameters.write_text(f"/arm_driver: {{ros__parameters: {{port: '{port}'}}}}\n")
+    command = [sys.executable, '-c', LAUNCH, str(share / 'launch' / 'panodepth.launch.py')]
+    graph = Program([*command, str(parameters)], str(tmp_path))
+    try:
+        for times in (1, 2):
+            wait_until(
+                lambda times=times: graph.output.count('[mosaicer]: ready') == times,
+                'readiness',
+                60.0,
+            )
+            pids = re.findall(
+                r'\[mosaicer-\d+\]: process started with pid \[(\d+)\]', graph.output
+            )
+            assert len(pids) == times
+            if times == 1:
+                wait_until(
+                    lambda: '[arm_driver-1]: process has died' in graph.output, 'the end', 60.0
+                )
+                os.kill(int(pids[0]), signal.SIGKILL)
+        assert re.findall(r'\[arm_driver-\d+\]: process started', graph.output) == [
+            '[arm_driver-1]: process started'
+        ]
+        assert graph.stop(timeout=60.0) == 0
+    finally:
+        graph.close()
 
 
 def test_colcon_test_runs_the_tests(workspace):
