@@ -7,6 +7,8 @@ import pytest
 from documents import ROOT
 
 POLICY = ElementTree.parse(ROOT / 'config' / 'sros2_policy.xml').getroot()
+#: Nodes that have a policy.
+NODES = [profile.get('node') for profile in POLICY.iterfind('.//profile')]
 #: Services that every node has.
 OF_RCLPY = ('parameter', 'get_type_description')
 
@@ -48,3 +50,11 @@ def test_documented_topics_exist(node):
             if not any(re.fullmatch(pattern, name) for pattern in names)
         }
         assert unknown == set()
+
+
+def test_readme_lists_every_node():
+    reference = (ROOT / 'docs' / 'nodes.md').read_text()
+    nodes = re.findall(r'^<!-- parameters of (\w+) -->$', reference, re.MULTILINE)
+    text = (ROOT / 'README.md').read_text().partition('\n## Nodes\n')[2]
+    assert set(re.findall(r'^\| \[(\w+)\]', text, re.MULTILINE)) == set(nodes)
+    assert set(nodes) >= set(NODES)
