@@ -20,7 +20,7 @@ from rosgraph_msgs.msg import Clock
 
 from panodepth_ros.bag.flow_control import FlowControl, Interrupted
 from panodepth_ros.bag.storage import BagError, chosen_connections, opened, raw_messages
-from panodepth_ros.bag.types import message_class
+from panodepth_ros.bag.types import check_topic_name, message_class
 
 QUEUE_DEPTH = 1000
 """Messages of a topic that wait for slow acknowledgements in a replay with timing."""
@@ -89,11 +89,14 @@ def replay(what: Replay, *, stop: threading.Event) -> tuple[int, int]:
     Raises
     ------
     BagError
-        If the bag is missing, damaged or empty, a named topic is not in it, a message type is
-        not installed, or a subscriber ceases to acknowledge or answer.
+        If the bag is missing, damaged or empty, a named topic is not in it or no topic is left,
+        a name is impossible or two types meet under it, a message type is not installed, or a
+        subscriber ceases to acknowledge or answer.
     """
     with opened(what.path) as reader:
         connections = chosen_connections(reader, what.path, what.topics, what.exclude)
+        if not connections:
+            raise BagError(f'no topic of bag {what.path} is left to replay')
         total = sum(connection.msgcount for connection in connections)
         context = rclpy.Context()
         rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
@@ -164,8 +167,16 @@ class Player:
         self._publishers: dict[str, Publisher] = {}
         for connection in connections:
             name = self._published_name(connection.topic)
-            if name not in self._publishers:
-                kind = message_class(connection.msgtype)
+            kind = message_class(connection.msgtype)
+            if name in self._publishers:
+                other = self._publishers[name].msg_type
+                if other is not kind:
+                    raise BagError(
+                        f'{connection.topic} cannot be replayed as {name}: its type is '
+                        f'{connection.msgtype}, that of another topic {other.__name__}'
+                    )
+            else:
+                check_topic_name(name)
                 qos = _publisher_qos(connection.ext.offered_qos_profiles, depth)
                 self._publishers[name] = node.create_publisher(kind, name, qos)
         unknown = set(what.wait_for) - set(self._publishers)

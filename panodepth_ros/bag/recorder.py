@@ -9,16 +9,14 @@ from functools import partial
 from pathlib import Path
 
 import rclpy
-from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-from rclpy.validate_topic_name import validate_topic_name
 
 from panodepth_ros.bag.storage import BagError, BagWriter, rosbags
-from panodepth_ros.bag.types import message_class, register, stored_qos
+from panodepth_ros.bag.types import check_topic_name, message_class, register, stored_qos
 
 DISCOVERY_PERIOD = 0.1
 """Seconds between two looks for topics that were asked for and are not there yet."""
@@ -147,10 +145,7 @@ def record(
         If a topic's name is impossible, or the bag exists, cannot be made or cannot be written.
     """
     for topic in topics:
-        try:
-            validate_topic_name(topic)
-        except InvalidTopicNameException as error:
-            raise BagError(f'{topic!r} is no name of a topic: {error}') from error
+        check_topic_name(topic)
     context = rclpy.Context()
     with BagWriter(path, storage) as writer:
         rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)

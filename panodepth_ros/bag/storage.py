@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -158,7 +158,9 @@ def chosen_connections(
     return [connection for connection in reader.connections if connection.topic in chosen]
 
 
-def read(path: Path | str, topics: Collection[str] = ()) -> Iterator[tuple[str, int, Any]]:
+def read(
+    path: Path | str, topics: Collection[str] | Mapping[str, str] = ()
+) -> Iterator[tuple[str, int, Any]]:
     """
     Read a bag's messages, without ROS.
 
@@ -166,8 +168,9 @@ def read(path: Path | str, topics: Collection[str] = ()) -> Iterator[tuple[str, 
     ----------
     path : Path or str
         The bag's folder, or one of its files.
-    topics : collection of str
-        Topics to read; all if empty.
+    topics : collection of str, or mapping of str to str
+        Topics to read, all if empty; or topic to the type its messages must have, such as
+        ``sensor_msgs/msg/Image``.
 
     Yields
     ------
@@ -178,11 +181,20 @@ def read(path: Path | str, topics: Collection[str] = ()) -> Iterator[tuple[str, 
     Raises
     ------
     BagError
-        If the bag is missing, damaged, empty or without one of the topics.
+        If the bag is missing, damaged, empty or without one of the topics, or one is of another
+        type.
     """
     path = Path(path)
+    types = topics if isinstance(topics, Mapping) else {}
     with opened(path, deserializing=True) as reader:
         connections = chosen_connections(reader, path, topics)
+        for connection in connections:
+            allowed = types.get(connection.topic, connection.msgtype)
+            if connection.msgtype != allowed:
+                raise BagError(
+                    f'topic {connection.topic} of bag {path} is of type {connection.msgtype}; '
+                    f'allowed: {allowed}'
+                )
         for connection, time, data in raw_messages(reader, path, connections):
             with reported(path):
                 message = reader.deserialize(data, connection.msgtype)

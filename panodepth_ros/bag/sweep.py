@@ -84,7 +84,8 @@ def read_sweep(
         azimuths.append(azimuth)
 
     assembler.taken = take
-    for topic, _, message in read(path, [image, joint_states]):
+    kinds = {image: 'sensor_msgs/msg/Image', joint_states: 'sensor_msgs/msg/JointState'}
+    for topic, _, message in read(path, kinds):
         finished: list[Sweep] = []
         try:
             if topic == image:
@@ -106,7 +107,8 @@ def read_sweep(
 
 
 def _camera(path: Path, topic: str, view_angle: float | None) -> PinholeCamera:
-    info: Any = next((message for _, _, message in read(path, [topic])), None)
+    kinds = {topic: 'sensor_msgs/msg/CameraInfo'}
+    info: Any = next((message for _, _, message in read(path, kinds)), None)
     if info is None:
         raise BagError(f'bag {path} holds no message of {topic}')
     return pinhole_camera(info, view_angle)

@@ -6,7 +6,10 @@ import importlib
 import re
 from typing import Any
 
+from rclpy.exceptions import NameValidationException
+from rclpy.expand_topic_name import expand_topic_name
 from rclpy.qos import QoSProfile
+from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from panodepth_ros.bag.storage import BagError, rosbags
 
@@ -14,6 +17,23 @@ _IDL_TO_MSG = {'boolean': 'bool', 'octet': 'byte', 'float': 'float32', 'double':
 _SEQUENCE = re.compile(r'sequence<(.+?)(?:, (\d+))?>')
 _ARRAY = re.compile(r'(.+)(\[\d+\])')
 _BOUNDED_STRING = re.compile(r'(w?string)<(\d+)>')
+
+
+def check_topic_name(name: str) -> None:
+    """
+    Refuse what cannot be the name of a topic, relative or absolute.
+
+    Raises
+    ------
+    BagError
+        With ROS' reason.
+    """
+    try:
+        validate_full_topic_name(expand_topic_name(name, 'node', '/'))
+    except (NameValidationException, RuntimeError, ValueError) as error:
+        # Without the picture of the place and the line of rcl's source.
+        reason = str(error).partition('\n')[0].partition(', at ')[0].rstrip(':')
+        raise BagError(f'{name!r} is no name of a topic: {reason}') from error
 
 
 def message_class(name: str) -> Any:

@@ -291,6 +291,10 @@ def _needed(rig: RigNumbers, distance: float, allowed_error: float) -> str:
 
 
 def _capture(rig: RigNumbers, arguments: argparse.Namespace) -> list[str]:
+    for name, unit in (('speed', '°/s'), ('acceleration', '°/s²')):
+        value = getattr(arguments, name)
+        if not 0 < value < math.inf:
+            raise ValueError(f'{name} is {value:g} {unit}; allowed: finite and above 0')
     motor = Motor(
         speed=math.radians(arguments.speed),
         acceleration=math.radians(arguments.acceleration),

@@ -113,9 +113,6 @@ def run(arguments: argparse.Namespace) -> int:
     except ProcessError as error:
         print(f'\npanodepth_ros demo: {error}', file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print('\npanodepth_ros demo: interrupted', file=sys.stderr)
-        return 130
     return 0
 
 

@@ -106,14 +106,14 @@ def _ground_plan(
     points: Points, matched: Correspondence, settings: ScanSettings
 ) -> tuple[Array, Array]:
     """Azimuth and distance of the reconstructed points, counter-clockwise."""
-    if settings.row < 0:
+    rows = points.radial_distance.shape[0]
+    if not -1 <= settings.row < rows:
+        raise ValueError(f'--row is {settings.row}; allowed: -1 to {rows - 1}')
+    if settings.row == -1:
         ranges = laser_ranges(points, matched.confidence, settings).astype(np.float64)
         beams = -math.pi + settings.angle_increment * np.arange(settings.beams, dtype=np.float64)
         found = np.isfinite(ranges)
         return beams[found], ranges[found]
-    rows = points.radial_distance.shape[0]
-    if settings.row >= rows:
-        raise ValueError(f'--row is {settings.row}; allowed: -1 to {rows - 1}')
     azimuth, distance = (
         points.azimuth[settings.row, ::-1],
         points.radial_distance[settings.row, ::-1],

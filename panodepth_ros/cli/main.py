@@ -33,10 +33,18 @@ def main(argv: list[str] | None = None) -> int:
     Returns
     -------
     int
-        The exit code: 0 for success and for a stop by SIGINT or SIGTERM, 1 for a failure
-        that one sentence on standard error explains.
+        The exit code: 0 for success and for a stop of what runs until it is stopped, 1 for a
+        failure that one sentence on standard error explains, 130 for an interrupted command.
     """
     argv = sys.argv[1:] if argv is None else argv
+    try:
+        return _run(argv)
+    except KeyboardInterrupt:
+        print(f'\n{" ".join(["panodepth_ros", *argv[:1]])}: interrupted', file=sys.stderr)
+        return 130
+
+
+def _run(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(
         prog='panodepth_ros',
         description='Panoramic depth and laser scans from one camera on a rotating arm. '

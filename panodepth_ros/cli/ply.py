@@ -14,6 +14,17 @@ from panodepth_ros.export.ply import vertices, write_ply
 from panodepth_ros.matching import match, triangulate_match
 
 
+def _distance(text: str) -> float:
+    distance = float(text)
+    if not distance > 0:
+        raise ValueError
+    return distance
+
+
+# argparse says "invalid … value" with the name of the function that raised.
+_distance.__name__ = 'distance (metres, above 0)'
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     add_sweep_arguments(parser)
@@ -22,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--farthest',
-        type=float,
+        type=_distance,
         default=8.0,
         metavar='M',
         help='points farther from the axis are left out (%(default)s m)',

@@ -15,6 +15,8 @@ from panodepth_ros.ros.messages import panorama_geometry, to_nanoseconds
 
 #: Topics of a pair.
 PAIR = ('left/image', 'left/camera_info', 'right/image', 'right/camera_info')
+#: Type by the last part of a topic's name; images else.
+_TYPES = {'camera_info': 'sensor_msgs/msg/CameraInfo', 'scan': 'sensor_msgs/msg/LaserScan'}
 
 
 def share(text: str) -> float:
@@ -83,7 +85,8 @@ def last_sweep(
     names = {f'{prefix}/{topic}': topic for topic in topics}
     incomplete: dict[int, dict[str, tuple[int, Any]]] = {}
     sweep: dict[str, tuple[int, Any]] | None = None
-    for topic, received, message in read(bag, names):
+    types = {name: _TYPES.get(name.rpartition('/')[2], 'sensor_msgs/msg/Image') for name in names}
+    for topic, received, message in read(bag, types):
         stamp = to_nanoseconds(message.header.stamp)
         messages = incomplete.setdefault(stamp, {})
         messages[names[topic]] = (received, message)

@@ -37,7 +37,7 @@ from panodepth_ros.ros.images import to_message
 from panodepth_ros.ros.messages import laser_scan, values_of_scan
 from panodepth_ros.ros.parameters import declare_parameters, parameter
 from panodepth_ros.ros.pointcloud import point_cloud
-from panodepth_ros.ros.process import run_node
+from panodepth_ros.ros.process import ending_at_once, run_node
 from panodepth_ros.ros.sync import StampMatcher
 from panodepth_ros.scan.beams import ScanSettings, beam_confidence, laser_ranges
 from panodepth_ros.scan.uncertainty import Uncertainty, scan_with_stddev
@@ -160,6 +160,11 @@ class DepthParameters(StillParameters):
         return ScanSettings(**{f.name: getattr(self, f.name) for f in fields(ScanSettings)})
 
 
+def _prepare(method: str) -> None:
+    with ending_at_once():  # it may take half a minute of a compiler
+        prepare(method)
+
+
 class Depth(Node):
     """Matches panoramas and publishes depth and scan. Topics and parameters: docs/nodes.md."""
 
@@ -169,10 +174,10 @@ class Depth(Node):
             'depth', automatically_declare_parameters_from_overrides=True, **node_args
         )
         self._settings = declare_parameters(
-            self, DepthParameters, self._on_parameters, lambda proposed: prepare(proposed.method)
+            self, DepthParameters, self._on_parameters, lambda proposed: _prepare(proposed.method)
         )
         start = time.monotonic()
-        prepare(self._settings.method)
+        _prepare(self._settings.method)
         self._panoramas = panorama_names(
             self._settings.further_pairs, center=self._settings.use_center
         )

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import Any, ClassVar
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -27,15 +29,20 @@ class _Interruption:
     the clean-up must run undisturbed.
     """
 
+    at_once: ClassVar[bool] = False  # whether the process ends on the spot instead
+
     def __init__(self) -> None:
         self._over = False
         for number in _SIGNALS:
             signal.signal(number, self._handle)  # rclpy's own handlers call it, too
 
     def _handle(self, _number: int, _frame: FrameType | None) -> None:
-        if not self._over:
-            self.end()
-            raise KeyboardInterrupt
+        if self._over:
+            return
+        if self.at_once:
+            os._exit(0)
+        self.end()
+        raise KeyboardInterrupt
 
     def end(self) -> None:
         """Let signals pass without effect from here on, rclpy's handlers included."""
@@ -53,6 +60,21 @@ class _Interruption:
         self.end()  # rclpy has put the handlers back that it found
         for number in _SIGNALS:
             signal.signal(number, signal.SIG_IGN)
+
+
+@contextmanager
+def ending_at_once() -> Iterator[None]:
+    """
+    Let a signal end the process on the spot, with code 0 and without any clean-up.
+
+    For work that nothing can interrupt, such as a compilation, while nothing is open that has to
+    be closed.
+    """
+    _Interruption.at_once = True
+    try:
+        yield
+    finally:
+        _Interruption.at_once = False
 
 
 def _explain(name: str, word: str) -> int:

@@ -27,6 +27,7 @@ from panodepth_ros.bag import STORAGES, BagWriter, read
 from panodepth_ros.bag.recorder import Recorder, drain
 from panodepth_ros.bag.storage import opened, rosbags
 from panodepth_ros.bag.types import message_class, register
+from panodepth_ros.cli.main import main
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.images import to_array, to_message
 
@@ -174,6 +175,17 @@ def test_existing_path_is_refused(ros_domain: int, tmp_path: Path) -> None:
     with record(bag, '/number', exit_code=1) as recorder:
         recorder.wait()
         assert recorder.output == f'panodepth_ros: {bag} exists already and is not overwritten\n'
+
+
+@pytest.mark.parametrize('name', ['', '/a b', '/a//b', '/{robot}/a', '/1a'])
+def test_impossible_name_of_a_topic_is_told(
+    ros_domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    assert main(['record', '-o', str(tmp_path / 'bag'), name]) == 1
+    told = capsys.readouterr().err
+    assert told.startswith(f'panodepth_ros: {name!r} is no name of a topic: ')
+    assert told.count('\n') == 1
+    assert not (tmp_path / 'bag').exists()
 
 
 def test_topic_of_a_type_that_is_not_installed_is_named(ros, tmp_path: Path) -> None:

@@ -10,7 +10,13 @@ import pytest
 
 pytest.importorskip('rosbags', reason='bags need rosbags')
 
-from fixtures.bags import BEGIN, joint_states, write_joint_states
+from fixtures.bags import (
+    BEGIN,
+    joint_states,
+    panorama_pair,
+    write_joint_states,
+    write_panoramas,
+)
 from fixtures.ros import started
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
@@ -307,6 +313,9 @@ def test_damaged_bag_is_a_sentence_and_exit_code_1(
             ['--remap', '/states:=/x', '--wait-for', '/states'],
             '/states is not replayed, so not waited for; replayed are /x',
         ),
+        (['--topics', '/states', '--exclude', '/states'], 'is left to replay'),
+        (['--remap', '/states:=/a b'], "'/a b' is no name of a topic: "),
+        (['--remap', '/states:=/a//b'], "'/a//b' is no name of a topic: "),
     ],
 )
 def test_unknown_topic_is_a_sentence_and_exit_code_1(
@@ -318,6 +327,15 @@ def test_unknown_topic_is_a_sentence_and_exit_code_1(
 ) -> None:
     bag = write_joint_states(tmp_path / 'bag', joint_states('/states', 5, 0.001))
     assert sentence in says(capsys, bag, *arguments)
+
+
+def test_two_types_do_not_meet_under_one_name(
+    ros_domain: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flat = np.zeros((4, 360), np.uint8)
+    bag = write_panoramas(tmp_path / 'bag', [panorama_pair(flat, 4)])
+    complaint = says(capsys, bag, '--remap', '/left/image:=/x', '/right/camera_info:=/x')
+    assert 'cannot be replayed as /x: its type is sensor_msgs/msg/' in complaint
 
 
 @pytest.mark.parametrize(

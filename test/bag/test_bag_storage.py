@@ -151,6 +151,13 @@ def test_unknown_topic_is_named(tmp_path: Path) -> None:
         list(read(bag, ['/a', '/c']))
 
 
+def test_topic_of_another_type_is_named(tmp_path: Path) -> None:
+    bag = write_joint_states(tmp_path / 'bag', joint_states('/states', 5, 0.1))
+    with pytest.raises(BagError, match=r'/states of bag .* is of type sensor_msgs/msg/Joint'):
+        list(read(bag, {'/states': 'sensor_msgs/msg/Image'}))
+    assert len(list(read(bag, {'/states': 'sensor_msgs/msg/JointState'}))) == 5
+
+
 def test_reading_can_end_early(tmp_path: Path) -> None:
     bag = write_joint_states(tmp_path / 'bag', joint_states('/a', 5, 0.1))
     messages = read(bag)

@@ -136,7 +136,7 @@ def test_widest_stripe_divides_the_turn(capsys):
         ('--at 0.3', 'distance is 0.3 m; allowed: above the arm_radius of 0.3 m'),
         ('--stripe 20', 'stripe is 20; allowed: 1 to 19 columns'),
         ('--motor-steps 0', 'motor-steps is 0; allowed: at least 1'),
-        ('--speed 0', 'motor speed is 0.0; allowed: finite and above 0'),
+        ('--speed -3', ' speed is -3 °/s; allowed: finite and above 0'),
         ('--frame-rate 0', 'frame_rate is 0.0 Hz; allowed: finite and above 0'),
     ],
 )

@@ -135,6 +135,8 @@ def test_uncalibrated_camera_needs_a_rough_field_of_view(
     [
         (['--joint-name', 'wheel'], 'holds no frame of a standing arm, joint wheel'),
         (['--image-topic', '/left'], 'has no topic /left; it has /camera_info'),
+        (['--image-topic', '/camera_info'], 'CameraInfo; allowed: sensor_msgs/msg/Image'),
+        (['--camera-info-topic', '/image_raw'], 'Image; allowed: sensor_msgs/msg/CameraInfo'),
     ],
 )
 def test_bag_without_a_sweep_is_refused(

@@ -12,11 +12,17 @@ import pytest
 
 pytest.importorskip('rosbags', reason='bags need rosbags')
 
-from fixtures.bags import panorama_pair, striped_pair, write_joint_states, write_panoramas
+from fixtures.bags import (
+    joint_states,
+    panorama_pair,
+    striped_pair,
+    write_joint_states,
+    write_panoramas,
+)
 
 from panodepth_ros.cli.figures import nearer_is_lighter
 from panodepth_ros.cli.main import main
-from panodepth_ros.cli.sweeps import read_pair
+from panodepth_ros.cli.sweeps import PAIR, read_pair
 from panodepth_ros.export.ply import VERTEX
 
 COLUMNS, ROWS, DX = 360, 24, 12
@@ -100,6 +106,30 @@ def test_points_of_a_bag(capsys, bag, tmp_path):
     assert math.atan2(points[0]['y'], points[0]['x']) == pytest.approx(azimuth, abs=0.01)
     d = math.sqrt(DISTANCE**2 - r0**2) - 0.3 * math.cos(math.radians(10.25))
     assert points[0]['z'] == pytest.approx(d * 11.5 / 50, rel=0.05)
+
+
+@pytest.mark.parametrize('farthest', ['0', '-1', 'nan'])
+def test_impossible_farthest_distance_is_refused(capsys, bag, farthest):
+    with pytest.raises(SystemExit) as caught:
+        main(['ply', str(bag), '--farthest', farthest])
+    assert caught.value.code == 2
+    assert 'metres, above 0' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('row', [-2, ROWS])
+def test_row_outside_of_the_panorama_is_refused(capsys, bag, tmp_path, row):
+    pytest.importorskip('matplotlib')
+    assert main(['figures', str(bag), '--output', str(tmp_path / 'new'), '--row', str(row)]) == 1
+    assert f'--row is {row}; allowed: -1 to {ROWS - 1}' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('command', ['ply', 'figures'])
+def test_topics_of_other_types_are_told(capsys, tmp_path, command):
+    pytest.importorskip('matplotlib')
+    states = [state for topic in PAIR for state in joint_states(f'/{topic}', 2, 0.1)]
+    bag = write_joint_states(tmp_path / 'bag', states)
+    assert main([command, str(bag)]) == 1
+    assert 'is of type sensor_msgs/msg/JointState; allowed: sens' in capsys.readouterr().err
 
 
 def middle(values: np.ndarray) -> float:

@@ -48,6 +48,28 @@ def test_wrong_arguments_end_with_usage_and_code_2(
     assert err.startswith('usage: panodepth_ros')
 
 
+#: Sends a signal to itself at the moment at which the command's module is looked for.
+INTERRUPTED = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, *_):
+        if name == 'panodepth_ros.cli.' + sys.argv[1]:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+from panodepth_ros.cli.main import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.launch
+@pytest.mark.parametrize('command', ['analyse', 'calibrate', 'ply', 'replay'])
+def test_interrupted_command_ends_without_a_traceback(command: str) -> None:
+    words = [sys.executable, '-c', INTERRUPTED, command]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    told = f'\npanodepth_ros {command}: interrupted\n'
+    assert (done.returncode, done.stdout, done.stderr) == (130, '', told)
+
+
 PROBE = """
 import json, sys
 from panodepth_ros.cli.main import main

@@ -1,6 +1,8 @@
 """SIGINT and SIGTERM of every node at any time: exit code 0, no traceback."""
 
 import signal
+import subprocess
+import sys
 
 import pytest
 from fixtures.ros import Program, program
@@ -37,6 +39,28 @@ def test_signal_ends_the_running_node(node, name, number):
     running.wait_for_output(READY[name])
     running.process.send_signal(number)
     assert_clean(running)
+
+
+#: A signal comes while a thread that cannot be interrupted compiles.
+COMPILING = """
+import os, signal, sys, threading
+from concurrent.futures import ThreadPoolExecutor
+from panodepth_ros.nodes import depth
+def compile():
+    os.kill(os.getpid(), signal.SIGINT)
+    threading.Event().wait()
+def prepare(method):
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(compile)
+depth.prepare = prepare
+sys.exit(depth.main())
+"""
+
+
+def test_signal_ends_the_compilation_of_kernels(ros_domain):
+    words = [sys.executable, '-c', COMPILING]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
 
 
 @pytest.mark.parametrize('name', READY)
