@@ -58,6 +58,7 @@ OWN: dict[str, dict[str, object]] = {
         'column_step_deg': STEP_DEG,
         'frame_timeout': 1.0,
         'closure': 'refuse',
+        'closure_tolerance_deg': 0.5,
     },
     'depth': {'beams': BEAMS, 'threads': 1, 'range_min': ARM_RADIUS, 'min_support': 2.0},
 }

@@ -45,16 +45,16 @@ class Cable:
             f'{what}, ±{math.degrees(self.limit):g}°; call ~/unwind or ~/home'
         )
 
-    def unwound(self, azimuth: float, direction: float) -> float:
+    def unwound(self, azimuth: float, step: float) -> float:
         """
-        Where to turn back to, so that a whole turn has room.
+        Where to turn back to, so that a whole turn and one step more, if allowed, have room.
 
         Parameters
         ----------
         azimuth : float
             Where the arm stands [rad].
-        direction : float
-            Positive if the turn is to be counter-clockwise.
+        step : float
+            One step of the turn, positive if it is to be counter-clockwise [rad].
 
         Returns
         -------
@@ -62,8 +62,10 @@ class Cable:
             ``azimuth`` if there is room; else the nearest azimuth with room that points the same
             way; else, where the limit allows none, the one that leaves the most room [rad].
         """
-        sign = math.copysign(1.0, direction)
-        lacking = sign * azimuth + _TURN - self.limit - self._tolerance
+        sign, room = math.copysign(1.0, step), _TURN + abs(step)
+        if room > 2 * (self.limit + self._tolerance):
+            room = _TURN
+        lacking = sign * azimuth + room - self.limit - self._tolerance
         if lacking <= 0.0:
             return azimuth
         turned = sign * azimuth - _TURN * math.ceil(lacking / _TURN)

@@ -33,6 +33,7 @@ class Assembler(SweepBuilder[ArmTrack]):
         super().__init__(rig, track)
         self._settle_time = settle_time
         self._served: int | None = None
+        self._closed: Sweep | None = None  # the last one, whose frame at 360° may still come
 
     def restart(self, not_before: int) -> None:
         """See :meth:`SweepBuilder.restart`."""
@@ -53,12 +54,20 @@ class Assembler(SweepBuilder[ArmTrack]):
         assert standstill is not None
         standstill.arrived = True
 
+    def finish(self) -> list[Sweep]:
+        """End the sweep under construction without the frames that it still lacks."""
+        finished, self.sweep = [self.sweep] if self.sweep is not None else [], None
+        return finished
+
     def _use(self, stamp: int, image: npt.NDArray[np.uint8], place: Standstill) -> list[Sweep]:
         """Give the first good frame of a standstill to the sweep."""
         if place.start < self._not_before or self._served == place.start:
             return []  # not of this sweep, or a further frame of a standstill already served
         if stamp < place.start + self._settle_time:
             self.drops['frame: arm was settling'] += 1
+            return []
+        closed, self._closed = self._closed, None
+        if closed is not None and closed.closes_at(place.azimuth):
             return []
         finished = []
         if self.sweep is not None and self.sweep.columns_left(place.azimuth) < 0:
@@ -75,7 +84,8 @@ class Assembler(SweepBuilder[ArmTrack]):
         self._served = place.start
         self.sweep = sweep
         # A sweep ends at its last column, also if frames were lost on the way.
-        if sweep.complete or sweep.columns_left(place.azimuth) == 0:
+        if sweep.ends_at(place.azimuth):
             finished.append(sweep)
             self.sweep = None
+            self._closed = sweep if sweep.rig.turn_closes else None
         return finished

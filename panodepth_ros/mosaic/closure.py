@@ -1,14 +1,18 @@
 """
-Does a full turn close? The last frames against the first, without odometry.
+Does a full turn close? The last frame against the first, without odometry.
 
-A sweep of one turn has no frame at 360°, and needs none. Its last frame E and its first one F0
-are neighbours, one step apart like any two, and both show nearly the whole of each other's view.
-What one step does to the picture is known from the frames that follow F0: points move by a flow G
-from F0 to a frame Fm a little farther on. Whatever lies near or far, the flow from E to F0 must be
-the same flow, in proportion to the angle: parallax is in both alike. So the factor ρ of the flow
-tells by how much the arm truly turned from E to F0; what is more than measured was lost on the
-way. And what no ρ explains tells that the robot was moved or the room has changed: a robot that
-moves by t shifts near points by t/d, those at the side otherwise than those ahead.
+The last frame E is either the one at 360°, which must show what the first one F0 shows, or the
+last one before, a neighbour of F0 like any two, if the step is small. What a step does to the
+picture is known from the frames that follow F0: points move by a flow G from F0 to a frame Fm a
+little farther on. Whatever lies near or far, the flow from E to F0 must be the same flow, in
+proportion to the angle: parallax is in both alike. So the factor ρ of the flow tells by how much
+the arm truly turned from E to F0; what is more than measured was lost on the way. And what no ρ
+explains tells that the robot was moved or the room has changed: a robot that moves by t shifts
+near points by t/d, those at the side otherwise than those ahead.
+
+Where steps are so large that few points are seen in both F0 and Fm, E at 360° is enough: the flow
+of far away points, which the camera's geometry tells, takes the place of G. It is too small for
+near points, so the lost angle is then at most what is measured, and is not corrected.
 
 Shifts are taken along what the picture tells well: across an edge, not along it. A robot that is
 turned on the spot looks exactly like an arm that lost as much.
@@ -17,6 +21,7 @@ turned on the spot looks exactly like an arm that lost as much.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,15 +29,19 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from panodepth_ros.geometry import PinholeCamera
+
 Image = npt.NDArray[np.uint8]
 Points = npt.NDArray[np.float64]
 
 #: How far beyond the first frame the one is that tells the flow [rad].
 REFERENCE_TURN = math.radians(0.999)
-#: A turn that ends farther before 360° is none [rad]: perspective bends a longer flow.
+#: A turn that ends farther from 360° is none [rad]: perspective bends a longer flow.
 LARGEST_GAP = math.radians(2.1)
-#: Points looked for, the least distance between them [px], and the fewest that tell anything.
-MOST_POINTS, SPACING, FEWEST_POINTS = 400, 5, 20
+#: Points looked for, and the least distance between them [px].
+MOST_POINTS, SPACING = 400, 5
+#: The fewest that tell how far a picture has moved, and whether it has moved at all.
+FEWEST_POINTS, FEWEST_AT_REST = 20, 8
 #: Window of the tracking [px], halvings of the image before.
 WINDOW, PYRAMID = 15, 3
 #: Points of weaker texture are not tracked, as OpenCV counts it.
@@ -59,12 +68,16 @@ class Closure:
         Median distance of the points from where any turn of the arm puts them [rad].
     points : int
         How many tell this.
+    exact : bool
+        Whether parallax is accounted for; without, ``lost`` is too large, the more the nearer
+        the points are.
     """
 
     lost: float
     stddev: float
     mismatch: float
     points: int
+    exact: bool = True
 
 
 def refusal(closure: Closure, tolerance: float, correctable: float = 0.0) -> str:
@@ -92,7 +105,7 @@ def refusal(closure: Closure, tolerance: float, correctable: float = 0.0) -> str
             f'{degrees(closure.mismatch):.3f}° from where any turn of the arm puts them, '
             f'{allowed}; the robot was moved or the room has changed'
         )
-    if abs(closure.lost) > max(tolerance, correctable):
+    if abs(closure.lost) > max(tolerance, correctable if closure.exact else 0.0):
         verb = 'less' if closure.lost > 0 else 'more'
         return (
             f'the turn does not close: the arm turned {degrees(abs(closure.lost)):.3f}° {verb} '
@@ -156,14 +169,14 @@ class Seam:
             self._reference = frame
         self._last = frame
 
-    def measure(self, focal_length_px: float) -> Closure:
+    def measure(self, camera: PinholeCamera) -> Closure:
         """
         Measure how the turn closes.
 
         Parameters
         ----------
-        focal_length_px : float
-            Of the frames [px].
+        camera : PinholeCamera
+            Of the frames, mounted.
 
         Returns
         -------
@@ -177,29 +190,74 @@ class Seam:
         if self._first is None or self._reference is None or self._last is None:
             raise ValueError('the turn has too few frames')
         (first, begin), (reference, at), (last, end) = self._first, self._reference, self._last
-        turned, asked = abs(end - begin), abs(at - begin)
-        if 2 * math.pi - turned > LARGEST_GAP:
+        missing, asked = 2 * math.pi - abs(end - begin), abs(at - begin)
+        if abs(missing) > LARGEST_GAP:
             raise ValueError(
-                f'the last frame is {math.degrees(2 * math.pi - turned):.1f}° before 360°; '
-                f'allowed: {math.degrees(LARGEST_GAP):.1f}°'
+                f'the last frame is {math.degrees(missing):.1f}° before 360°; allowed: '
+                f'{math.degrees(LARGEST_GAP):.1f}°, or a mosaicer that leads and takes one at 360°'
             )
         here = _features(first)
         there, tracked = _track(first, reference, here)
         back, also = _track(first, last, here)
+        at_rest = abs(missing) < 0.1 * asked
+        fewest = FEWEST_AT_REST if at_rest else FEWEST_POINTS
         use = tracked & also
-        if use.sum() < FEWEST_POINTS:
+        exact = bool(use.sum() >= fewest)
+        if not exact and at_rest:
+            use = also
+            there = _turned(camera, here, begin - at)
+        if use.sum() < fewest:
             raise ValueError(
-                f'only {use.sum()} points are seen in the first and the last frame; '
-                f'allowed: {FEWEST_POINTS}'
+                f'only {use.sum()} points are seen in the first and the last frame; allowed: '
+                f'{fewest}; begin the sweep where the camera sees more than a plain wall'
             )
         flow, seam = (there - here)[use], (here - back)[use]
         share, stddev, apart = _fit(flow, seam, _structure(first, here[use]))
         return Closure(
-            lost=share * asked - (2 * math.pi - turned),
+            lost=share * asked - missing,
             stddev=stddev * asked,
-            mismatch=apart / focal_length_px,
+            mismatch=apart / camera.fx,
             points=int(use.sum()),
+            exact=exact,
         )
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Return what the first frames have left here, for :meth:`restored`."""
+        frames = {'first': self._first, 'reference': self._reference}
+        return {
+            f'seam.{name}.{kind}': np.array(part)
+            for name, frame in frames.items()
+            if frame is not None
+            for kind, part in zip(('image', 'azimuth'), frame, strict=True)
+        }
+
+    @classmethod
+    def restored(cls, arrays: Mapping[str, npt.NDArray[Any]], shape: tuple[int, int]) -> Seam:
+        """
+        Make the seam whose :meth:`arrays` these are, of frames of a shape.
+
+        Raises
+        ------
+        ValueError
+            If they are not such.
+        """
+        seam = cls()
+        for name in ('first', 'reference'):
+            if (image := arrays.get(f'seam.{name}.image')) is None:
+                continue
+            azimuth = arrays.get(f'seam.{name}.azimuth', np.zeros(0))
+            if image.dtype != np.uint8 or image.shape not in (shape, (*shape, 3)):
+                raise ValueError(f'seam.{name} is {image.dtype} {image.shape}; allowed: a frame')
+            if azimuth.shape != () or not np.isfinite(azimuth):
+                raise ValueError(f'seam.{name} has no azimuth')
+            setattr(seam, f'_{name}', (image, float(azimuth)))
+        return seam
+
+
+def _turned(camera: PinholeCamera, points: Points, turn: float) -> Points:
+    """Where far away points are after the camera has turned [rad], clockwise if positive."""
+    ray_angle, slope = camera.rays(*points.T) if points.size else (np.zeros(0), np.zeros(0))
+    return np.stack(camera.project(ray_angle + turn, slope), axis=-1)
 
 
 def _features(image: Image) -> Points:

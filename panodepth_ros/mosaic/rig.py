@@ -40,6 +40,8 @@ class Rig:
         join at the horizon, and hides nearer what lies between them.
     closes : bool
         Whether a sweep of a full turn keeps the frames that tell whether it closes.
+    closing_frame : bool
+        Whether such a sweep takes one more frame, at 360°, which shows what the first one shows.
     """
 
     arm_radius: float
@@ -51,6 +53,7 @@ class Rig:
     stripe_columns: int = 1
     stripe_distance: float = math.inf
     closes: bool = False
+    closing_frame: bool = False
 
     def __post_init__(self) -> None:
         if not self.stripe_distance >= 2 * self.arm_radius:
@@ -68,6 +71,16 @@ class Rig:
     def sweep_frames(self) -> int:
         """Frames that fill a sweep, one every ``stripe_columns``."""
         return -(-self.sweep_columns // self.stripe_columns)
+
+    @property
+    def turn_closes(self) -> bool:
+        """Whether a sweep is a full turn that is to close."""
+        return self.closes and self.sweep_columns == self.columns
+
+    @property
+    def sweep_steps(self) -> int:
+        """Frames that a sweep takes, the one at 360° included."""
+        return self.sweep_frames + (self.turn_closes and self.closing_frame)
 
     @property
     def reach(self) -> float:

@@ -112,7 +112,8 @@ def load_state(path: Path, rig: Rig, camera: PinholeCamera) -> State | None:
         If it cannot be read.
     """
     views = 3 + 2 * len(rig.further_offsets)
-    most = views * rig.columns * (6 * camera.height + 8) + _OVERHEAD
+    seam = 6 * camera.height * camera.width
+    most = views * rig.columns * (6 * camera.height + 8) + seam + _OVERHEAD
     try:
         with path.open('rb') as file:
             about_file = os.fstat(file.fileno())

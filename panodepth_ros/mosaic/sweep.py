@@ -85,8 +85,7 @@ class Sweep:
         self.start: int | None = None
         self.end: int | None = None
         self._last_azimuth = first_azimuth
-        whole = rig.sweep_columns == rig.columns
-        self.seam = Seam() if rig.closes and whole else None
+        self.seam = Seam() if rig.turn_closes else None
 
     @property
     def velocity(self) -> float:
@@ -139,12 +138,22 @@ class Sweep:
 
     def columns_left(self, arm_azimuth: float) -> int:
         """How many columns the arm has to go to the sweep's last frame; negative beyond it."""
-        last = (self.rig.sweep_frames - 1) * self.rig.stripe_columns
+        last = (self.rig.sweep_steps - 1) * self.rig.stripe_columns
         return last - round(self.travelled(arm_azimuth))
+
+    def ends_at(self, arm_azimuth: float) -> bool:
+        """Whether the frame of an arm azimuth [rad], which was added, is the sweep's last one."""
+        rig = self.rig
+        filled = self.complete and rig.sweep_steps == rig.sweep_frames
+        return filled or self.columns_left(arm_azimuth) == 0
 
     def travelled(self, arm_azimuth: float) -> float:
         """How far the arm is from where the sweep began, to either side [columns]."""
         return abs(arm_azimuth - self._first_azimuth) / self.rig.column_step
+
+    def closes_at(self, arm_azimuth: float) -> bool:
+        """Whether the arm stands where it stood for the first frame, a full turn on."""
+        return round(self.travelled(arm_azimuth)) == self.rig.columns
 
     def add(
         self,
@@ -172,7 +181,8 @@ class Sweep:
         Returns
         -------
         int
-            How many columns it filled or improved.
+            How many columns it filled or improved; none by the frame at 360°, which only tells
+            whether the turn closes.
 
         Raises
         ------
@@ -195,18 +205,25 @@ class Sweep:
         rig = self.rig
         if row_turn:
             _check_stripes(rig, self.camera, self._offsets, row_turn)
+        if rig.sweep_steps > rig.sweep_frames and self.columns_left(arm_azimuth) <= 0:
+            self._count(stamp, image, arm_azimuth)
+            return 0
         own = rig.columns / 2 - (arm_azimuth - self._reference) / rig.column_step
         filled = 0
         for column in range(math.ceil(own - rig.reach), math.floor(own + rig.reach) + 1):
             deviation = (own - column) * rig.column_step
             filled += self._fill(column % rig.columns, deviation, image, row_turn)
         if filled:
-            self.start = stamp if self.start is None else self.start
-            self.end = stamp
-            self._last_azimuth = arm_azimuth
-            if self.seam is not None:
-                self.seam.take(image, arm_azimuth)
+            self._count(stamp, image, arm_azimuth)
         return filled
+
+    def _count(self, stamp: int, image: npt.NDArray[np.uint8], arm_azimuth: float) -> None:
+        """Let a frame be the last one that was taken."""
+        self.start = stamp if self.start is None else self.start
+        self.end = stamp
+        self._last_azimuth = arm_azimuth
+        if self.seam is not None:
+            self.seam.take(image, arm_azimuth)
 
     def _fill(
         self, x: int, deviation: float, image: npt.NDArray[np.uint8], row_turn: float
@@ -295,6 +312,7 @@ class Sweep:
             'moments': np.array(moments, np.int64),
             'azimuths': np.array([self._first_azimuth, self._last_azimuth]),
             'deviation': self._deviation.copy(),
+            **(self.seam.arrays() if self.seam is not None else {}),
         }
         for name, view in self._views.items():
             assert view.image is not None
@@ -324,6 +342,8 @@ class Sweep:
         if not np.isfinite(azimuths).all() or not (np.abs(deviation[seen]) <= reach).all():
             raise ValueError('its numbers are not those of a sweep')
         sweep._deviation = deviation
+        if sweep.seam is not None:
+            sweep.seam = Seam.restored(arrays, (sweep.camera.height, sweep.camera.width))
         for name, view in sweep._views.items():
             image = arrays.get(f'{name}.image', np.empty(0))
             colours = image.shape[2:]

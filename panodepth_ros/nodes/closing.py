@@ -38,11 +38,10 @@ class ClosureCheck:
             self.told = 'not measured'
             return ''
         try:
-            closure = sweep.seam.measure(sweep.camera.fx)
+            closure = sweep.seam.measure(sweep.camera)
         except ValueError as error:
             self.told = f'unknown: {error}'
-            self._node.get_logger().warning(f'whether the turn closes cannot be told: {error}')
-            return ''
+            return f'whether the turn closes cannot be told: {error}'
         self.told = (
             f'lost {math.degrees(closure.lost):.3f}° ± {math.degrees(closure.stddev):.3f}°, '
             f'mismatch {math.degrees(closure.mismatch):.3f}°, {closure.points} points'

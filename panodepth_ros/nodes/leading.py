@@ -113,8 +113,9 @@ class Leader(ABC):
         request: Any,
         refused: str,
         then: Callable[[], None] | None = None,
+        refusal: Callable[[str], None] | None = None,
     ) -> None:
-        """Call a service, and go on by ``then``; a refusal gives the sweep up."""
+        """Call a service, and go on by ``then``; ``refusal``, by default, gives the sweep up."""
         self._waiting_since = time.monotonic()
         answer = self._answer = client.call_async(request)
 
@@ -125,7 +126,7 @@ class Leader(ABC):
             self._waiting_since = time.monotonic()
             result = future.result()
             if not result.success:
-                self._give_up(f'{refused}: {result.message}')
+                (refusal or self._give_up)(f'{refused}: {result.message}')
                 return
             if then is not None:
                 then()

@@ -272,7 +272,13 @@ class Mosaicer(Node):
             return SpinLeader(self, builder, in_force, self._give_up, self._arm_watch)
         assert isinstance(builder, Assembler)
         return StepLeader(
-            self, builder, in_force, self._give_up, self._arm_watch, self._keep_sweep
+            self,
+            builder,
+            in_force,
+            self._give_up,
+            self._arm_watch,
+            self._keep_sweep,
+            lambda: self._publish(builder.finish()),
         )
 
     def _advance(self) -> None:

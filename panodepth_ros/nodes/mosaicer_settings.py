@@ -132,9 +132,10 @@ class MosaicerParameters(SteppingParameters):
     )
     closure: str = parameter(
         'off',
-        'What happens to a full turn whose last frame does not fit the first: off, it is not '
-        'looked at; refuse, it is not published; correct, an angle that the arm lost is spread '
-        'over the turn and all else refused',
+        'What happens to a full turn whose last frame does not fit the first, or cannot be '
+        'compared with it: off, it is not looked at; refuse, it is not published; correct, an '
+        'angle that the arm lost is spread over the turn and all else refused. A led stop-and-go '
+        'turn takes one more frame for that, at 360°',
         choices=('off', 'refuse', 'correct'),
     )
     closure_tolerance_deg: float = parameter(
@@ -186,6 +187,7 @@ class MosaicerParameters(SteppingParameters):
             stripe_columns=self.stripe_columns,
             stripe_distance=self.stripe_distance if self.stripe_columns > 1 else math.inf,
             closes=self.closure != 'off',
+            closing_frame=self.lead and self.motion == 'stop_and_go',
         )
 
     def builder(self) -> SweepBuilder[Any]:

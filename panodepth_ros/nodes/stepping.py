@@ -29,6 +29,8 @@ class StepLeader(Leader):
     ----------
     keep : callable
         Called with the arm azimuth [rad] before each step is asked for.
+    finish : callable
+        Called when the sweep ends with the frames that it has.
     """
 
     kind = Trigger
@@ -42,10 +44,12 @@ class StepLeader(Leader):
         give_up: Callable[[str], None],
         watch: ArmWatch,
         keep: Callable[[float], None],
+        finish: Callable[[], None],
     ) -> None:
         super().__init__(node, builder, settings, give_up, watch)
         self._assembler = builder
         self._keep = keep
+        self._finish = finish
         self._rig = builder.rig
         self._unwind_client = node.create_client(Trigger, 'arm_driver/unwind')
         self._progress = TurnWatch()
@@ -72,11 +76,11 @@ class StepLeader(Leader):
         else:
             self._step(self._assembler.track.position)
         rig = self._rig
-        return f'sweep of {rig.sweep_columns} columns in {rig.sweep_frames} frames started'
+        return f'sweep of {rig.sweep_columns} columns in {rig.sweep_steps} frames started'
 
     def advance(self) -> None:
         """See :meth:`Leader.advance`."""
-        settings, frames = self._settings(), self._rig.sweep_frames
+        settings, frames = self._settings(), self._rig.sweep_steps
         standstill = self._assembler.track.current
         if self._steps == 0:
             self._advance_unwinding(standstill)
@@ -123,14 +127,14 @@ class StepLeader(Leader):
             self.begin()
             return 'the sweep begins anew'
         self.take_up(azimuth)
-        return f'the sweep resumes at frame {self._steps} of {self._rig.sweep_frames}'
+        return f'the sweep resumes at frame {self._steps} of {self._rig.sweep_steps}'
 
     def take_up(self, azimuth: float) -> None:
         """Go on with the builder's sweep at an arm azimuth [rad] where the arm stands."""
         self._rig = self._assembler.rig
         rig, sweep = self._rig, self._assembler.sweep
-        left = sweep.columns_left(azimuth) if sweep is not None else rig.sweep_columns - 1
-        self._steps = max(1, rig.sweep_frames - max(0, -(-left // rig.stripe_columns)))
+        left = sweep.columns_left(azimuth) if sweep is not None else rig.columns
+        self._steps = max(1, rig.sweep_steps - max(0, -(-left // rig.stripe_columns)))
         self._azimuth, self._after, self._back = azimuth, 0, True
         self._waiting_since = time.monotonic()
 
@@ -143,7 +147,7 @@ class StepLeader(Leader):
         patience = settings.step_timeout if moving else settings.frame_timeout
         return (
             WARN if self.waited > patience else OK,
-            f'frame {self._steps} of {self._rig.sweep_frames}: '
+            f'frame {self._steps} of {self._rig.sweep_steps}: '
             f'waiting for {"the arm" if moving else "a frame"} for {self.waited:.1f} s',
         )
 
@@ -180,4 +184,15 @@ class StepLeader(Leader):
         self._azimuth = azimuth
         self._after = self._assembler.track.newest or 0
         self._keep(azimuth)
-        self._ask(self._client, Trigger.Request(), 'the arm refused a step')
+        closes = self._steps > self._rig.sweep_frames
+        self._ask(
+            self._client,
+            Trigger.Request(),
+            'the arm refused a step',
+            refusal=self._do_without_closing_frame if closes else None,
+        )
+
+    def _do_without_closing_frame(self, reason: str) -> None:
+        """End the sweep, which has all its columns, with an arm whose cable ends before 360°."""
+        self._node.get_logger().warning(f'{reason}; there is no frame at 360°')
+        self._finish()

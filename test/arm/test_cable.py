@@ -40,10 +40,11 @@ def test_endless_axis_ends_where_the_controller_counts_no_more():
 @pytest.mark.parametrize(
     ('limit', 'here', 'direction', 'unwound'),
     [
-        (360.0, 0.0, 1, 0.0),
+        (360.0, 0.0, 1, -360.0),
+        (360.0, -0.2, 1, -0.2),
         (360.0, 0.2, 1, -359.8),
-        (360.0, 360.0, 1, 0.0),
-        (360.0, -360.0, -1, 0.0),
+        (360.0, 360.0, 1, -360.0),
+        (360.0, 0.2, -1, 0.2),
         (360.0, -360.0, 1, -360.0),
         (180.0, 180.0, 1, -180.0),
         (180.0, 0.0, 1, -180.0),
@@ -52,9 +53,11 @@ def test_endless_axis_ends_where_the_controller_counts_no_more():
         (0.0, 79999.0, 1, 79639.0),
     ],
 )
-def test_unwinding_makes_room_for_a_whole_turn(limit, here, direction, unwound):
-    assert cable(limit).unwound(here * DEG, direction) / DEG == pytest.approx(unwound)
-    assert direction * (unwound + direction * 360) <= (limit or FARTHEST) + STEP
+def test_unwinding_makes_room_for_a_whole_turn_and_a_step(limit, here, direction, unwound):
+    step = direction * 0.2
+    assert cable(limit).unwound(here * DEG, step * DEG) / DEG == pytest.approx(unwound)
+    turn = direction * 360 + (step if limit != 180 else 0)
+    assert direction * (unwound + turn) <= (limit or FARTHEST) + STEP
 
 
 @pytest.mark.parametrize('step', [0.2, -0.2])

@@ -13,7 +13,14 @@ from panodepth_ros.mosaic import Rig, Sweep
 from panodepth_ros.mosaic import state as states
 from panodepth_ros.mosaic.state import load_state, save_state
 
-RIG = Rig(arm_radius=0.3, column_offset=20.0, columns=60, sweep_columns=60, further_offsets=(9.0,))
+RIG = Rig(
+    arm_radius=0.3,
+    column_offset=20.0,
+    columns=60,
+    sweep_columns=60,
+    further_offsets=(9.0,),
+    closes=True,
+)
 CAMERA = PinholeCamera(width=41, height=9, fx=40.0, fy=40.0, cx=20.0, cy=4.0)
 
 
@@ -40,6 +47,9 @@ def test_sweep_comes_back_and_goes_on_as_if_nothing_had_happened(tmp_path, sweep
         sweep.end,
         sweep.last_azimuth,
     )
+    ours, other = again.seam.arrays(), sweep.seam.arrays()
+    assert len(ours) == 4
+    assert all(np.array_equal(ours[name], other[name]) for name in ours)
     mine, theirs = again.panoramas(), sweep.panoramas()
     assert mine.keys() == theirs.keys()
     for name, panorama in mine.items():

@@ -101,9 +101,38 @@ def test_part_of_a_turn_is_not_measured(ros):
     assert bench.mosaicer._closure.told == 'not measured'
 
 
-def test_turn_that_tells_nothing_is_published_with_a_warning(ros, capfd):
+def test_turn_that_tells_nothing_is_refused(ros):
     bench = Bench(ros, closure='refuse').ready()
+    diagnosis = Diagnosis(ros, 'mosaicer: sweep')
     bench.start()
-    assert bench.sweeps()
-    said = capfd.readouterr().err
-    assert 'whether the turn closes cannot be told: the last frame is 6.0° before 360°' in said
+    bench.given_up()
+    assert bench.rig.steps == 61, 'no frame was taken at 360°'
+    said = diagnosis.says(DiagnosticStatus.OK, 'ready')['last_end']
+    assert 'given up: whether the turn closes cannot be told: only 0 points are seen' in said
+
+
+def test_frame_at_360_is_no_column(ros):
+    bench = SceneBench(ros, closure='refuse', closure_tolerance_deg=0.12)
+    diagnosis = Diagnosis(ros, 'mosaicer: sweep')
+    bench.start()
+    got = bench.sweeps()
+    assert bench.rig.steps == COLUMNS + 1
+    geometry = panorama_geometry(got['left/camera_info'])
+    assert geometry.seen.all()
+    assert bench.error(to_array(got['left/image']), geometry) < 1.0
+    assert diagnosis.says(DiagnosticStatus.OK, 'ready')['closure'].startswith('lost ')
+
+
+def test_arm_whose_cable_ends_before_360_closes_with_the_frame_before(ros, capfd):
+    bench = SceneBench(ros, closure='refuse', closure_tolerance_deg=0.12)
+    bench.rig.refuse_at = COLUMNS
+    bench.start()
+    assert panorama_geometry(bench.sweeps()['left/camera_info']).seen.all()
+    assert 'the motor is hot; there is no frame at 360°' in capfd.readouterr().err
+
+
+def test_followers_leave_the_frame_at_360_alone(ros):
+    bench = SceneBench(ros, lead=False, closure='refuse', closure_tolerance_deg=0.12)
+    bench.someone_else_steps(range(COLUMNS + 1))
+    assert panorama_geometry(bench.sweeps()['left/camera_info']).seen.all()
+    assert bench.mosaicer._assembler.sweep is None
