@@ -91,7 +91,7 @@ class Campaign:
                 -1
             ]
         self._judge_scans(outcome)
-        graph.restore_parameters()
+        graph.restore()
         outcome.person = self._see_to_arm()
         return outcome
 
@@ -125,13 +125,18 @@ class Campaign:
         return not ready or abs(turned[0]) > _TURNED
 
 
+def compresses(number: int) -> bool:
+    """Whether a graph compresses its frames: every other one."""
+    return number % 2 == 1
+
+
 def run_graph(number: int, names: Sequence[str], seed: int, end: float) -> list[Outcome]:
     """Run one graph through faults until a time [s, monotonic], in a process of its own."""
     faults = {fault.name: fault for fault in FAULTS}
     rng = np.random.default_rng([seed, number])
     outcomes: list[Outcome] = []
     with claimed_domain() as domain, tempfile.TemporaryDirectory() as folder:
-        graph = Graph(Path(folder), domain, seed=number)
+        graph = Graph(Path(folder), domain, seed=number, compresses=compresses(number))
         try:
             graph.until(lambda: 'ready' in graph.log('depth'), START)
             campaign = Campaign(graph, Judge(number))

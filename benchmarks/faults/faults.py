@@ -30,10 +30,13 @@ class Fault:
         A few words for the table.
     disturb : callable
         Does it.
+    compressed : bool or None
+        Whether it is one of graphs that compress their frames, or of those that do not.
     """
 
     name: str
     disturb: Disturb
+    compressed: bool | None = None
 
 
 def _kill(name: str) -> Disturb:
@@ -174,6 +177,39 @@ def _corrupt(rng: np.random.Generator) -> Callable[[Image], list[Image]]:
     return corrupted
 
 
+def _corrupt_files(graph: Graph, rng: np.random.Generator) -> None:
+    """Cut, damage or replace the files of compressed frames for a while."""
+
+    def corrupted(data: bytes) -> bytes:
+        kind = rng.integers(5)
+        if kind == 0:
+            return data[: int(rng.integers(len(data)))]
+        if kind == 1:
+            place = int(rng.integers(len(data)))
+            return (
+                data[:place] + bytes([data[place] ^ 1 << int(rng.integers(8))]) + data[place + 1 :]
+            )
+        if kind == 2:
+            return rng.bytes(len(data))
+        return data
+
+    graph.spoil_file = corrupted
+    graph.wait(float(rng.uniform(0.1, 1.5)))
+    graph.spoil_file = lambda data: data
+
+
+def _switch_light(graph: Graph, rng: np.random.Generator) -> None:
+    """Let everything be darker or brighter until the sweep is over."""
+    factor = float(rng.choice([rng.uniform(0.7, 0.9), rng.uniform(1.05, 1.2)]))
+    levels = np.clip(np.rint(factor * np.arange(256)), 0, 255).astype(np.uint8)
+
+    def lit(image: Image) -> list[Image]:
+        image.data = levels[np.frombuffer(image.data, np.uint8)].tobytes()
+        return [image]
+
+    graph.spoil_frame = lit
+
+
 def _wrong_camera_info(graph: Graph, rng: np.random.Generator) -> None:
     """Another calibration for a while."""
     factor = float(rng.choice([0.0, 0.9, 1.2]))
@@ -219,7 +255,9 @@ FAULTS = (
     Fault('most frames dropped', _spoil_frames(_drop_most, 1.5)),
     Fault('frames late by a queue of 4', _spoil_frames(_queue, 1.5)),
     Fault("camera's clock jumps", _spoil_frames(_jump, 1.0)),
-    Fault('corrupted frames', _spoil_frames(_corrupt, 1.5)),
+    Fault('corrupted frames', _spoil_frames(_corrupt, 1.5), compressed=False),
+    Fault('corrupted compressed frames', _corrupt_files, compressed=True),
+    Fault('light switched', _switch_light),
     Fault('wrong camera_info', _wrong_camera_info),
     Fault('parameter changed', _parameter_change),
 )

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import rclpy
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import SetParameters
@@ -19,12 +20,13 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import CameraInfo, Image, JointState, LaserScan
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState, LaserScan
 from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
 from benchmarks.faults.arm import MAX_RATE, FaultyArm
 from panodepth_ros.ros import qos
+from panodepth_ros.ros.images import to_bgr_or_mono
 
 #: The rig: few columns and small frames, so that a sweep takes seconds.
 STEP_DEG, COLUMNS, WIDTH, HEIGHT, FOV_DEG = 5.0, 72, 64, 48, 70.0
@@ -41,7 +43,7 @@ OWN: dict[str, dict[str, object]] = {
         'step_deg': STEP_DEG,
         'speed_deg_s': MAX_RATE,
         'settle_time': 0.0,
-        'status_rate': 30.0,
+        'status_rate': 50.0,
         'response_timeout': 0.5,
     },
     'camera': {
@@ -50,7 +52,7 @@ OWN: dict[str, dict[str, object]] = {
         'simulated_fov_deg': FOV_DEG,
         'image_width': WIDTH,
         'image_height': HEIGHT,
-        'framerate': 30.0,
+        'framerate': 40.0,
     },
     'mosaicer': {
         'arm_radius': ARM_RADIUS,
@@ -77,8 +79,9 @@ class Graph:
     """
     Arm, four nodes and a client of theirs, in a domain of their own.
 
-    The camera's frames pass through this process (:attr:`spoil_frame`, :attr:`spoil_info`),
-    the bytes of the controller, too (:class:`FaultyArm`).
+    The camera's frames pass through this process (:attr:`spoil_frame`, :attr:`spoil_info` and,
+    of a graph that compresses them, :attr:`spoil_file`), the bytes of the controller, too
+    (:class:`FaultyArm`).
 
     Parameters
     ----------
@@ -88,18 +91,25 @@ class Graph:
         ROS domain.
     seed : int
         Of the simulated room.
+    compresses : bool
+        Whether the mosaicer is given the frames as PNG files.
     """
 
-    def __init__(self, folder: Path, domain: int, seed: int = 0) -> None:
+    def __init__(
+        self, folder: Path, domain: int, seed: int = 0, *, compresses: bool = False
+    ) -> None:
         self.folder = folder
         self.link = folder / 'arm'
         self._parent = os.getppid()
         self.arm = FaultyArm(self.link)
         self.room_seed = seed
+        self.compresses = compresses
         self.results: dict[int, dict[str, Any]] = {}
         self.progress: list[float] = []
-        self.spoil_frame: Callable[[Image], list[Image]] = lambda image: [image]
-        self.spoil_info: Callable[[CameraInfo], CameraInfo] = lambda info: info
+        self.spoil_frame: Callable[[Image], list[Image]]
+        self.spoil_file: Callable[[bytes], bytes]
+        self.spoil_info: Callable[[CameraInfo], CameraInfo]
+        self._pass_all()
         self._environment = {
             **os.environ,
             'ROS_DOMAIN_ID': str(domain),
@@ -147,6 +157,7 @@ class Graph:
             own |= {'simulated_arm_truth': f'{self.link}.truth', 'room_seed': self.room_seed}
         elif name == 'mosaicer':
             own['state_file'] = self.folder / 'sweep.npz'
+            own['image_transport'] = 'compressed' if self.compresses else 'raw'
         words = [word for item in own.items() for word in ('-p', '{}:={}'.format(*item))]
         if name == 'camera':
             for topic in ('image_raw', 'camera_info'):
@@ -220,13 +231,30 @@ class Graph:
 
     # --- messages -----------------------------------------------------------------------------
 
+    def _pass_all(self) -> None:
+        """Let frames and calibrations pass as they are."""
+        self.spoil_frame = lambda image: [image]
+        self.spoil_file = lambda data: data
+        self.spoil_info = lambda info: info
+
     def _relay(self) -> None:
         images = self.node.create_publisher(Image, 'image_raw', qos.IMAGES)
+        files = self.node.create_publisher(CompressedImage, 'image_raw/compressed', qos.IMAGES)
         infos = self.node.create_publisher(CameraInfo, 'camera_info', qos.IMAGES)
 
         def on_image(message: Image) -> None:
             for image in self.spoil_frame(message):
-                images.publish(image)
+                if self.compresses:
+                    data = cv2.imencode('.png', to_bgr_or_mono(image))[1].tobytes()
+                    files.publish(
+                        CompressedImage(
+                            header=image.header,
+                            format='bgr8; png compressed bgr8',
+                            data=self.spoil_file(data),
+                        )
+                    )
+                else:
+                    images.publish(image)
 
         self.node.create_subscription(Image, 'source/image_raw', on_image, qos.IMAGES)
         self.node.create_subscription(
@@ -255,13 +283,14 @@ class Graph:
         return response
 
     def set_parameter(self, node: str, parameter: Parameter[Any]) -> None:
-        """Set a live parameter of a node until :meth:`restore_parameters`."""
+        """Set a live parameter of a node until :meth:`restore`."""
         if self._set_parameter(node, parameter):
             old = OWN[node].get(parameter.name, DEFAULTS.get(parameter.name))
             self._changed[node, parameter.name] = Parameter(parameter.name, value=old)
 
-    def restore_parameters(self) -> None:
-        """Set back what was set."""
+    def restore(self) -> None:
+        """Set back the parameters that were set, and let all frames pass."""
+        self._pass_all()
         for (node, _), parameter in self._changed.items():
             self._set_parameter(node, parameter)
         self._changed.clear()

@@ -40,6 +40,9 @@ class Rig:
         join at the horizon, and hides nearer what lies between them.
     closes : bool
         Whether a sweep of a full turn keeps the frames that tell whether it closes.
+    mends_light : bool
+        Whether steps of the frames' gain are removed, and columns unknown where a part of the view
+        has changed between the sightings of the two eyes.
     closing_frame : bool
         Whether such a sweep takes one more frame, at 360°, which shows what the first one shows.
     """
@@ -53,6 +56,7 @@ class Rig:
     stripe_columns: int = 1
     stripe_distance: float = math.inf
     closes: bool = False
+    mends_light: bool = False
     closing_frame: bool = False
 
     def __post_init__(self) -> None:

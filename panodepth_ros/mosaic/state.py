@@ -112,7 +112,7 @@ def load_state(path: Path, rig: Rig, camera: PinholeCamera) -> State | None:
         If it cannot be read.
     """
     views = 3 + 2 * len(rig.further_offsets)
-    seam = 6 * camera.height * camera.width
+    seam = 12 * camera.height * camera.width  # first frames, and small ones of the light
     most = views * rig.columns * (6 * camera.height + 8) + seam + _OVERHEAD
     try:
         with path.open('rb') as file:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from panodepth_ros.geometry import Panorama, PanoramaGeometry, PinholeCamera
 from panodepth_ros.mosaic.closure import Seam, redistributed
+from panodepth_ros.mosaic.light import Change, Light
 from panodepth_ros.mosaic.lookup import ColumnLookup, focal_length, snapped, visible_rows
 from panodepth_ros.mosaic.rig import Rig, panorama_names
 
@@ -86,6 +87,8 @@ class Sweep:
         self.end: int | None = None
         self._last_azimuth = first_azimuth
         self.seam = Seam() if rig.turn_closes else None
+        self.light = Light(camera) if rig.mends_light else None
+        self._frame = np.zeros(rig.columns, np.int64)
 
     @property
     def velocity(self) -> float:
@@ -224,6 +227,8 @@ class Sweep:
         self._last_azimuth = arm_azimuth
         if self.seam is not None:
             self.seam.take(image, arm_azimuth)
+        if self.light is not None:
+            self.light.take(image, arm_azimuth)
 
     def _fill(
         self, x: int, deviation: float, image: npt.NDArray[np.uint8], row_turn: float
@@ -247,6 +252,7 @@ class Sweep:
             view.image[:, x] = column
             view.ray_angle[x] = angle
         self._deviation[x] = abs(deviation)
+        self._frame[x] = self.light.frames if self.light is not None else 0
         return True
 
     def panoramas(self, *, settled: bool = False, lost: float = 0.0) -> dict[str, Panorama]:
@@ -271,10 +277,16 @@ class Sweep:
         duration = (self.end - self.start) / 1e9
         shown = self.settled if settled else self.seen
         order = self._order()
+        mends = self.light is not None and not settled
+        gains, changes = self.light_steps() if mends else (np.ones((1, 1)), [])
+        gains = gains[self._frame] if mends else gains
         panoramas = {}
         for name, view in self._views.items():
             assert view.image is not None
             image, ray_angle = view.image.copy(), np.where(shown, view.ray_angle, np.nan)
+            if (gains != 1.0).any():
+                levels = image.reshape(*image.shape[:2], -1) / gains
+                image = np.clip(np.rint(levels), 0, 255).astype(np.uint8).reshape(image.shape)
             if lost:
                 image[:, order], ray_angle[order] = redistributed(
                     image[:, order], ray_angle[order], lost / self.rig.column_step
@@ -295,8 +307,33 @@ class Sweep:
                 ray_angle=ray_angle,
                 stripe_distance=self.rig.stripe_distance,
             )
+            if changes:
+                changed = self._changed(geometry, changes)
+                image[:, changed] = 0
+                geometry = replace(geometry, ray_angle=np.where(changed, np.nan, ray_angle))
             panoramas[name] = Panorama(image, geometry)
         return panoramas
+
+    def light_steps(self) -> tuple[npt.NDArray[np.float64], list[Change]]:
+        """What :meth:`Light.steps` tells of a sweep whose light is looked at."""
+        assert self.light is not None
+        turn = math.nan
+        if self.rig.sweep_columns == self.rig.columns:
+            whole = self.direction * 2 * math.pi
+            turn = self._first_azimuth + whole - self._last_azimuth
+        return self.light.steps(turn)
+
+    def _changed(self, geometry: PanoramaGeometry, changes: list[Change]) -> npt.NDArray[np.bool_]:
+        """Columns where one eye has seen what was before a change, the other what came after."""
+        changed = np.zeros(self.rig.columns, bool)
+        widest = max(abs(view.principal_angle) for view in self._views.values())
+        azimuth = geometry.ray_azimuth(np.arange(self.rig.columns))
+        margin = self.rig.stripe_columns * self.rig.column_step
+        for arm_azimuth, least, largest in changes:
+            low, high = max(least, -widest) - margin, min(largest, widest) + margin
+            off = np.remainder(azimuth - arm_azimuth + math.pi, 2 * math.pi) - math.pi
+            changed |= (off >= low) & (off <= high)
+        return changed
 
     def _order(self) -> npt.NDArray[np.int64]:
         """Columns in the order in which the arm came to them, beginning behind the first frame."""
@@ -313,6 +350,8 @@ class Sweep:
             'azimuths': np.array([self._first_azimuth, self._last_azimuth]),
             'deviation': self._deviation.copy(),
             **(self.seam.arrays() if self.seam is not None else {}),
+            **(self.light.arrays() if self.light is not None else {}),
+            'frame': self._frame.copy(),
         }
         for name, view in self._views.items():
             assert view.image is not None
@@ -344,6 +383,12 @@ class Sweep:
         sweep._deviation = deviation
         if sweep.seam is not None:
             sweep.seam = Seam.restored(arrays, (sweep.camera.height, sweep.camera.width))
+        if sweep.light is not None:
+            sweep.light = Light.restored(sweep.camera, arrays)
+            frame = _checked(arrays, 'frame', (rig.columns,), np.int64)
+            if not ((frame >= 0) & (frame < max(1, sweep.light.frames))).all():
+                raise ValueError('its columns are of frames that it does not have')
+            sweep._frame = frame
         for name, view in sweep._views.items():
             image = arrays.get(f'{name}.image', np.empty(0))
             colours = image.shape[2:]

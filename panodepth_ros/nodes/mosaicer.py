@@ -20,6 +20,7 @@ from panodepth_ros.nodes.arm_watch import Absence, ArmWatch
 from panodepth_ros.nodes.closing import ClosureCheck
 from panodepth_ros.nodes.keeping import SweepKeeper
 from panodepth_ros.nodes.leading import Leader
+from panodepth_ros.nodes.lighting import LightReport
 from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
 from panodepth_ros.nodes.panoramas import PanoramaPublisher, PartialPublisher
 from panodepth_ros.nodes.robot_watch import RobotWatch
@@ -81,6 +82,7 @@ class Mosaicer(Node):
         self._absence: Absence | None = None
         self._leader = self._make_leader()
         self._closure = ClosureCheck(self)
+        self._light = LightReport(self)
         self._robot = RobotWatch(
             self, self._assembler, self._settings, lambda: self._publish([]), self._give_up
         )
@@ -370,6 +372,7 @@ class Mosaicer(Node):
             'last_end': self._last_end,
             'robot': self._robot.state,
             'closure': self._closure.told,
+            'light': self._light.told,
         }
         values |= {f'dropped, {why}': count for why, count in self._assembler.drops.items()}
         return Report(level, text, values)
@@ -408,6 +411,7 @@ class Mosaicer(Node):
 
     def _publish_panoramas(self, sweep: Sweep) -> None:
         panoramas = sweep.panoramas(lost=self._closure.lost)
+        self._light.tell(sweep)
         self._check_delay(panoramas['center'], sweep.velocity, sweep.end or 0)
         header = Header(stamp=to_stamp(sweep.end or 0), frame_id=self._settings.frame_id)
         self._last_panoramas = []

@@ -130,6 +130,12 @@ class MosaicerParameters(SteppingParameters):
         'Where a led sweep is kept, so that a killed mosaicer goes on with it; best in memory, as '
         'under /dev/shm; empty for nowhere',
     )
+    equalize_light: bool = parameter(
+        True,
+        'Remove steps of the brightness and colour of whole frames; make columns unknown where a '
+        'part of the view has changed between the sightings of the two eyes',
+        live=True,
+    )
     closure: str = parameter(
         'off',
         'What happens to a full turn whose last frame does not fit the first, or cannot be '
@@ -187,6 +193,7 @@ class MosaicerParameters(SteppingParameters):
             stripe_columns=self.stripe_columns,
             stripe_distance=self.stripe_distance if self.stripe_columns > 1 else math.inf,
             closes=self.closure != 'off',
+            mends_light=self.equalize_light,
             closing_frame=self.lead and self.motion == 'stop_and_go',
         )
 

@@ -136,3 +136,18 @@ def test_followers_leave_the_frame_at_360_alone(ros):
     bench.someone_else_steps(range(COLUMNS + 1))
     assert panorama_geometry(bench.sweeps()['left/camera_info']).seen.all()
     assert bench.mosaicer._assembler.sweep is None
+
+
+def test_light_that_takes_a_step_is_told_and_removed(ros):
+    bench = SceneBench(ros)
+    diagnosis = Diagnosis(ros, 'mosaicer: sweep')
+    steady = bench.look
+    bench.look = lambda bearing, slope: (
+        steady(bearing, slope) * (0.7 if 90 <= bench.rig.steps < 1000 else 1.0)
+    )
+    bench.start()
+    got = bench.sweeps()
+    bench.look = steady
+    assert bench.error(to_array(got['left/image']), panorama_geometry(got['left/camera_info'])) < 3
+    told = diagnosis.says(DiagnosticStatus.OK, 'ready')['light']
+    assert told.startswith('the light changed 1 times, to between 70%')
