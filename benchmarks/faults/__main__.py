@@ -86,7 +86,8 @@ def main() -> int:
     rows = [
         f'`make faults`: {len(outcomes)} injections in {(time.monotonic() - began) / 60:.1f} '
         f'minutes, {given.graphs} graphs side by side, seed {given.seed}; a column is wrong if it '
-        f'is off by more than {WRONG_COLUMN:g} grey levels.',
+        f'is off by more than {WRONG_COLUMN:g} grey levels, besides one factor where the light '
+        'was switched.',
         '',
         *table(outcomes),
     ]

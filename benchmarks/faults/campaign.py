@@ -90,16 +90,20 @@ class Campaign:
             outcome.said = (re.findall(r'sweep given up.*?: (.*)', graph.log('mosaicer')) or [''])[
                 -1
             ]
-        self._judge_scans(outcome)
+        self._judge_scans(outcome, in_any_light=fault.changes_light)
         graph.restore()
         outcome.person = self._see_to_arm()
         return outcome
 
-    def _judge_scans(self, outcome: Outcome) -> None:
+    def _judge_scans(self, outcome: Outcome, *, in_any_light: bool) -> None:
         for result in self._graph.scans:
             error, said = self._judge.scan_error(result['scan']), ''
             columns = [
-                self._judge.wrong_columns(result[f'{eye}/image'], result[f'{eye}/camera_info'])
+                self._judge.wrong_columns(
+                    result[f'{eye}/image'],
+                    result[f'{eye}/camera_info'],
+                    in_any_light=in_any_light,
+                )
                 for eye in ('left', 'right')
             ]
             wrong, lost = (max(counts) for counts in zip(*columns, strict=True))

@@ -32,11 +32,14 @@ class Fault:
         Does it.
     compressed : bool or None
         Whether it is one of graphs that compress their frames, or of those that do not.
+    changes_light : bool
+        Whether columns are right in whatever light.
     """
 
     name: str
     disturb: Disturb
     compressed: bool | None = None
+    changes_light: bool = False
 
 
 def _kill(name: str) -> Disturb:
@@ -257,7 +260,7 @@ FAULTS = (
     Fault("camera's clock jumps", _spoil_frames(_jump, 1.0)),
     Fault('corrupted frames', _spoil_frames(_corrupt, 1.5), compressed=False),
     Fault('corrupted compressed frames', _corrupt_files, compressed=True),
-    Fault('light switched', _switch_light),
+    Fault('light switched', _switch_light, changes_light=True),
     Fault('wrong camera_info', _wrong_camera_info),
     Fault('parameter changed', _parameter_change),
 )

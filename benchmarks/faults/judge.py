@@ -39,11 +39,15 @@ class Judge:
         """Frame of an arm azimuth [0.01°]."""
         return self._room.render(math.radians(azimuth / 100), self._camera, ARM_RADIUS)
 
-    def wrong_columns(self, image: Any, info: Any) -> tuple[int, int]:
+    def wrong_columns(self, image: Any, info: Any, *, in_any_light: bool) -> tuple[int, int]:
         """Return how many columns of a panorama are untrue, and how many unknown."""
         picture, geometry = to_array(image).astype(np.float64), panorama_geometry(info)
         seen = np.flatnonzero(geometry.seen)
-        errors = [np.abs(picture[:, x] - self._column(geometry, int(x))).mean() for x in seen]
+        errors = []
+        for x in seen:
+            true = self._column(geometry, int(x))
+            factor = (picture[:, x] * true).sum() / (true**2).sum() if in_any_light else 1.0
+            errors.append(np.abs(picture[:, x] - factor * true).mean())
         return int(np.sum(np.array(errors) > WRONG_COLUMN)), geometry.columns - seen.size
 
     def _column(self, geometry: PanoramaGeometry, x: int) -> Array:

@@ -35,10 +35,12 @@ Change = tuple[float, float, float]
 WIDTH, CELL = 160, 8
 #: Cells outside of these may be clipped and tell nothing [grey levels].
 DARKEST, BRIGHTEST = 12, 235
-#: Fewest cells that tell a gain, and the largest displacement between frames, of the width.
-FEWEST_CELLS, LARGEST_SHIFT = 12, 0.25
+#: Fewest cells that tell a gain.
+FEWEST_CELLS = 12
+#: Frames displaced by more of the width differ too much by near things and what comes into view.
+LARGEST_SHIFT = 0.04
 #: A step is larger than this, and than so many median deviations of all factors [log].
-LEAST_STEP, STANDING_OUT = 0.02, 15.0
+LEAST_STEP, STANDING_OUT = 0.04, 20.0
 #: What the steps of a turn may leave unexplained of it [log]; more if they are large.
 UNEXPLAINED = 0.05
 #: Grey levels out of the range of the surroundings that are no noise, and the share of the view
@@ -82,6 +84,9 @@ class _Overlap:
         low = cv2.erode(was, around).astype(np.int16) - LEAST_CHANGE
         high = cv2.dilate(was, around).astype(np.int16) + LEAST_CHANGE
         off = ((now < low) | (now > high)).astype(np.uint8)
+        # At the sides near things come into view from beyond what both frames show.
+        off[:, : across + 1] = off[:, -across - 1 :] = 0
+        off[: down + 1] = off[-down - 1 :] = 0
         # Strips as narrow as what parallax uncovers are none.
         off = cv2.morphologyEx(off, cv2.MORPH_OPEN, np.ones((down + 2, across + 2), np.uint8))
         if np.mean(off) < CHANGED_SHARE:

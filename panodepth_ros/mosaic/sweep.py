@@ -330,7 +330,7 @@ class Sweep:
         azimuth = geometry.ray_azimuth(np.arange(self.rig.columns))
         margin = self.rig.stripe_columns * self.rig.column_step
         for arm_azimuth, least, largest in changes:
-            low, high = max(least, -widest) - margin, min(largest, widest) + margin
+            low, high = max(least - margin, -widest), min(largest + margin, widest)
             off = np.remainder(azimuth - arm_azimuth + math.pi, 2 * math.pi) - math.pi
             changed |= (off >= low) & (off <= high)
         return changed
