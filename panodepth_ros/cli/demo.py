@@ -59,7 +59,8 @@ _RESULTS = {
 PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 #: How the arm turns, and the parameters of that.
 MODES = {'step': 'simulated.yaml', 'spin': 'simulated_spin.yaml'}
-_START_TIMEOUT = 60.0
+#: A slow machine compiles for minutes; a process that ends meanwhile is noticed at once [s].
+_START_TIMEOUT = 300.0
 _STALL_TIMEOUT = 30.0
 
 
