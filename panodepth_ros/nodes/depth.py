@@ -155,6 +155,10 @@ class DepthParameters(StillParameters):
             arm_radius=self.arm_radius_stddev,
         )
 
+    def way_of_measuring(self) -> Hashable:
+        """Return all that ranges of the same panoramas depend on."""
+        return self.method, self.scan_settings(), self.uncertainty(), self.allowed_stddev
+
     def scan_settings(self) -> ScanSettings:
         """Return what the core needs."""
         return ScanSettings(**{f.name: getattr(self, f.name) for f in fields(ScanSettings)})
@@ -248,6 +252,7 @@ class Depth(Node):
     def _run(self, kind: Hashable, messages: dict[Any, Any]) -> None:
         """Do the worker's jobs, in a thread of their own, so that services stay answered."""
         parameters = self._settings
+        self._sectors.measure_by(parameters.way_of_measuring())
         if kind == _PARTIAL:
             self._sectors.match(
                 messages,

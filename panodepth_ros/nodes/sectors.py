@@ -70,6 +70,7 @@ class Sectors:
         self._earliest = earliest
         self._offer = offer
         self._scan = SectorScan(beams)
+        self._way: Hashable = None
         self._growing: _Growing | None = None
         self._heard = False
         self._publisher = node.create_publisher(LaserScan, 'scan_partial', qos.SCAN)
@@ -89,6 +90,12 @@ class Sectors:
         if messages is not None:
             self._heard = True
             self._offer(messages)
+
+    def measure_by(self, way: Hashable) -> None:
+        """Forget what was measured in another way, as with another least confidence."""
+        if way != self._way:
+            self._way = way
+            self._scan = SectorScan(self._scan.ranges.size)
 
     def match(
         self,

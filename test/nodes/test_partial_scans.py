@@ -214,6 +214,19 @@ def test_sectors_of_the_last_turn_stay_with_their_age_while_the_robot_is_promise
     assert np.nanmedian(ranges[~young]) == pytest.approx(DISTANCE, rel=0.02)
 
 
+def test_sectors_measured_with_another_least_confidence_are_forgotten(ros):
+    bench = Bench(ros, robot_stands_still=True, republish_period=0.0)
+    bench.partial(100)
+    bench.finish()
+    bench.depth.set_parameters([Parameter('robot_stands_still', value=True)])
+    ranges, _, _ = bench.partial(100, start=START + COLUMNS * PACE)
+    assert np.isfinite(ranges).mean() > 0.95, 'measured in the same way'
+    result = bench.depth.set_parameters([Parameter('min_confidence', value=0.4)])
+    assert result[0].successful
+    ranges, _, _ = bench.partial(120, start=START + COLUMNS * PACE)
+    assert np.isnan(ranges).all(), 'all of them are of the last turn'
+
+
 def test_sectors_of_the_last_turn_stay_as_far_as_odometry_proves_that_the_robot_stood(ros):
     bench = Bench(ros, republish_period=0.0, use_sim_time=True)
     clock = bench.node.create_publisher(Clock, 'clock', 10)
