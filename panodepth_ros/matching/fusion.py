@@ -9,7 +9,6 @@ docs/matching.md says what it gives.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -21,42 +20,39 @@ from panodepth_ros.matching import refinement, semiglobal
 from panodepth_ros.matching.fusion_costs import (
     AFTER,
     BEFORE,
+    CENSUS_FINE_ROWS,
+    CENSUS_PLANES,
     HALVES,
     PHASES,
+    PLANES,
+    SLACK,
     WEIGHTS,
-    fused_costs,
+    ViewCosts,
+    short_census,
 )
-from panodepth_ros.matching.fusion_paths import aggregate_costs
 from panodepth_ros.matching.fusion_refinement import add_view
-from panodepth_ros.matching.fusion_views import View, check_further, equalised_view, view_of
+from panodepth_ros.matching.fusion_views import (
+    View,
+    check_further,
+    equalised_view,
+    helpful,
+    shares_of,
+    view_of,
+)
 from panodepth_ros.matching.interface import Correspondence
 from panodepth_ros.matching.semiglobal import (
     Bordered,
     ColourPair,
+    Tile,
     Winners,
-    merge,
-    tiles_of,
+    colour_cut,
+    surroundings,
+    with_margins,
     wrapped,
 )
-from panodepth_ros.matching.semiglobal_costs import (
-    CENSUS_COLUMNS,
-    CENSUS_PLANES,
-    CENSUS_ROWS,
-    HIGH_NOISE,
-    HIGH_NOISE_CUT,
-    LOW_NOISE_CUT,
-    census,
-    grey_noise,
-)
-from panodepth_ros.matching.semiglobal_paths import (
-    FILLER_COST,
-    LANES,
-    MARGIN_COLUMNS,
-    MARGIN_ROWS,
-    NOBODY,
-    disagreement,
-    vertical_penalties,
-)
+from panodepth_ros.matching.semiglobal_costs import CENSUS_COLUMNS, CENSUS_ROWS, grey_noise
+from panodepth_ros.matching.semiglobal_paths import LANES
+from panodepth_ros.matching.simd import WIDE
 
 Bytes = npt.NDArray[np.uint8]
 Float32Array = npt.NDArray[np.float32]
@@ -65,12 +61,10 @@ Array = npt.NDArray[np.float64]
 
 #: Views with a baseline of at least this share of the pair's help in the sub-column step.
 SUB_COLUMN_BASELINE = 0.7
-#: Most pixels times candidates of a tile.
-TILE_SIZE = 6_000_000
 #: Coefficients of ``confidence.FEATURES`` for fused costs.
 COEFFICIENTS = np.array(
-    [-0.8893, 0.1414, -0.0087, 0.0264, 0.2980, 0.5812, 0.2574, -0.0998,
-     0.6809, -0.4347, -0.0440, 0.0017, 4.6899, -2.0795, 0.2001, -1.0163]
+    [-0.9483, 0.1345, -0.0467, -0.0136, 0.2298, 1.4533, 0.0226, 1.0360,
+     -0.7717, -0.4251, -0.0654, 0.0948, 3.7171, -1.6743, 0.2949, -1.1839]
 )  # fmt: skip
 
 
@@ -89,6 +83,8 @@ def match_sweep(
         If a further panorama has another size or arm radius than the pair, the left one's
         principal angle or rays far from its own.
     """
+    check_further(left.geometry, further)
+    further = helpful(left.geometry, further)
     if not further:
         return semiglobal.match_semiglobal(left, right, further, threads)
     with ThreadPoolExecutor(threads) as pool:
@@ -127,12 +123,11 @@ def look(
     left: Panorama, right: Panorama, further: Sequence[Panorama], pool: ThreadPoolExecutor
 ) -> tuple[ColourPair, list[View], int]:
     """Cut a pair open and see all panoramas from its left one, the right one last; the seam."""
-    check_further(left.geometry, further)
     pair, seam = semiglobal.cut_open(left, right)
     rough = semiglobal.rough_match(pair, pool)
     pair = semiglobal.equalised(pair, rough)
     disparity = pair.first + np.arange(pair.candidates, dtype=np.float64)
-    ordered = sorted(further, key=lambda panorama: panorama.geometry.principal_angle)
+    ordered = helpful(left.geometry, further)
     *views, last = [
         view_of(panorama, left.geometry, right.geometry, disparity, seam)
         for panorama in (*ordered, right)
@@ -148,112 +143,101 @@ def aggregate_views(
 
     Parameters as in ``semiglobal.aggregate``; the pair's right eye is one of the views.
     """
-    rows, columns = pair.left_grey.shape
-    lanes = -(-pair.candidates // LANES) * LANES
-    shares = np.array([view.baseline**2 for view in views])
-    weights = np.floor(WEIGHTS * shares / shares.sum()).astype(np.uint16)
-    cut = HIGH_NOISE_CUT if noise > HIGH_NOISE else LOW_NOISE_CUT
-    penalties = vertical_penalties(noise)
-    best, margin = (np.empty((rows, columns), np.uint16) for _ in range(2))
-    right_best = np.full((rows, columns), NOBODY, np.uint32)
-    merging = threading.Lock()
-    memory = threading.local()
-    tiles = tiles_of(rows, columns, lanes, TILE_SIZE)
-    height = max(bottom - top for top, bottom, _, _ in tiles)
-    width = max(stop - start for _, _, start, stop in tiles)
-    most_totals = height * width * lanes
-    most_costs = (height + 2 * MARGIN_ROWS) * (width + 2 * MARGIN_COLUMNS) * lanes
+    places = [_places(view, pair) for view in views]
+    shares = shares_of([view.baseline for view in views])
+    weights = np.floor(WEIGHTS * shares).astype(np.uint16)
 
-    def run(tile: tuple[int, int, int, int]) -> None:
-        top, bottom, start, stop = tile
-        if not hasattr(memory, 'block'):
-            memory.block = np.empty(most_costs + 2 * most_totals, np.uint8)
-        first, last = max(top - MARGIN_ROWS, 0), min(bottom + MARGIN_ROWS, rows)
-        left, left_census, left_seen = _left_of_tile(pair, first, last, start, stop, round(noise))
-        shape = (last - first, left_seen.size, lanes)
-        costs = memory.block[: np.prod(shape)].reshape(shape)
-        sampled = _samples(views, first, last, start - MARGIN_COLUMNS, stop + MARGIN_COLUMNS)
-        fused_costs(
-            left, left_census, left_seen, *sampled, weights, round(noise), cut,
-            cut == LOW_NOISE_CUT, FILLER_COST, costs,
-        )  # fmt: skip
-        shape = (bottom - top, stop - start, lanes)
-        totals = memory.block[most_costs : most_costs + 2 * np.prod(shape)].view(np.uint16)
-        found = np.full((bottom - top, stop - start + lanes), NOBODY, np.uint32)
-        aggregate_costs(
-            left, costs, left_seen, top - first, pair.candidates, penalties,
-            totals.reshape(shape), best[top:bottom, start:stop], margin[top:bottom, start:stop],
-            found,
-        )  # fmt: skip
-        with merging:
-            merge(right_best[top:bottom], found, pair.first + start)
+    def source(tile: Tile) -> ViewCosts:
+        return _view_costs_of(pair, views, places, weights, tile, noise)
 
-    for _ in pool.map(run, tiles):
-        pass
-    eyes = np.empty((rows, columns), np.uint8)
-    disagreement(best, right_best, pair.first, eyes)
-    return Winners(best, margin, eyes)
+    return semiglobal.aggregate_costs(pair, noise, pool, source)
 
 
-def _left_of_tile(
-    pair: ColourPair, first: int, last: int, start: int, stop: int, noise: int
-) -> tuple[Bytes, Bytes, npt.NDArray[np.bool_]]:
-    """Colours, census and seen columns of a tile with its margins."""
-    start, stop = start - MARGIN_COLUMNS, stop + MARGIN_COLUMNS
-    around = np.arange(first - CENSUS_ROWS, last + CENSUS_ROWS)
-    rows = np.clip(around, 0, pair.left_grey.shape[0] - 1)
-    grey = wrapped(pair.left_grey[rows], start - CENSUS_COLUMNS, stop + CENSUS_COLUMNS)
-    planes = np.empty((CENSUS_PLANES, last - first, stop - start), np.uint8)
-    census(grey, noise, planes)
-    return (
-        wrapped(pair.left[:, first:last], start, stop),
-        planes,
-        wrapped(pair.left_seen, start, stop),
-    )
-
-
-def _samples(
-    views: Sequence[View], first: int, last: int, start: int, stop: int
-) -> tuple[Bytes, Bytes, npt.NDArray[np.bool_], Indices, Indices, int]:
+def _places(view: View, pair: ColourPair) -> tuple[Indices, Indices]:
     """
-    What a tile may ask of the views, and where: see ``fusion_costs.fused_costs``.
+    Where a view shows the candidates.
 
     Returns
     -------
-    images, greys, seen, columns, rows, ring
+    columns : ndarray of int16, shape (K,)
+        Shift [1/PHASES columns].
+    rows : ndarray of int16, shape (H, K)
+        Row [1/HALVES rows].
     """
-    height, candidates = views[0].grey.shape[0], np.arange(views[0].shift.size)
-    tile_rows = np.arange(first, last)[:, np.newaxis]
-    rows = np.empty((len(views), last - first, candidates.size), np.int16)
-    columns = np.empty((len(views), candidates.size), np.int16)
-    whole = []
-    for number, view in enumerate(views):
-        fine = np.rint(HALVES * view.rows(tile_rows, candidates))
-        rows[number] = np.clip(fine, 0, HALVES * (height - 1))
-        shifts = np.rint(PHASES * view.shift)
-        whole.append(int(shifts.min() // PHASES))
-        columns[number] = shifts - PHASES * whole[-1]
-    spread = int((rows.max(axis=2) - rows.min(axis=2)).max())
+    height, candidates = pair.left_grey.shape[0], np.arange(pair.candidates)
+    rows = np.rint(HALVES * view.rows(np.arange(height)[:, np.newaxis], candidates))
+    rows = np.clip(rows, 0, HALVES * (height - 1)).astype(np.int16)
+    return np.rint(PHASES * view.shift).astype(np.int16), rows
+
+
+def _view_costs_of(
+    pair: ColourPair,
+    views: Sequence[View],
+    places: Sequence[tuple[Indices, Indices]],
+    weights: npt.NDArray[np.uint16],
+    tile: Tile,
+    noise: float,
+) -> ViewCosts:
+    """What the costs of a tile with its margins come from."""
+    height = pair.left_grey.shape[0]
+    first, last, start, stop = with_margins(tile, height)
+    rows = np.stack([of_view[first:last] for _, of_view in places])
+    columns = np.stack([of_view for of_view, _ in places])
+    whole = columns.min(axis=1) // PHASES
+    columns -= PHASES * whole[:, np.newaxis]
     top, bottom = int(rows.min()) // HALVES, int(rows.max()) // HALVES + 2
     rows -= np.int16(HALVES * top)
-    wide = stop - start + int(columns.max()) // PHASES + 1
     around = np.clip(np.arange(top - CENSUS_ROWS, bottom + CENSUS_ROWS), 0, height - 1)
-    border, taps = CENSUS_COLUMNS + BEFORE, BEFORE + 1 + AFTER
-    size = around.size, wide + 2 * CENSUS_COLUMNS + BEFORE + AFTER
-    images = np.empty((len(views), 3, *size), np.uint8)
-    greys = np.empty((len(views), *size), np.uint8)
+    # The last vector of a row may begin at its last column.
+    wide = stop - start + int(columns.max()) // PHASES + WIDE
+    wide += -wide % WIDE
+    images = np.empty((len(views), 4, around.size, wide + WIDE + BEFORE + AFTER), np.uint8)
     seen = np.empty((len(views), PHASES, wide), np.bool_)
     for number, view in enumerate(views):
-        begin = start + whole[number] + view.seam
-        across = np.arange(begin - border, begin - border + size[1]) % view.seen.size
-        part = np.ix_(around, across)
-        colours = view.image[part]
-        images[number] = np.moveaxis(colours, 2, 0) if colours.ndim == 3 else colours
-        greys[number] = view.grey[part]
+        begin = start + int(whole[number]) + view.seam
+        edge = begin - CENSUS_COLUMNS - BEFORE
+        images[number] = view.part(around, edge, edge + images.shape[3])
         usable = wrapped(view.seen, begin - BEFORE, begin + wide + AFTER)
         seen[number, 0] = usable[BEFORE : BEFORE + wide]
-        seen[number, 1:] = np.lib.stride_tricks.sliding_window_view(usable, taps).all(axis=1)
-    return images, greys, seen, columns, rows, 1 << spread.bit_length()
+        taps = np.lib.stride_tricks.sliding_window_view(usable, BEFORE + 1 + AFTER)
+        seen[number, 1:] = taps.all(axis=1)
+    spread = int((rows.max(axis=2) - rows.min(axis=2)).max())
+    ring = 1 << spread.bit_length()
+    ring_of_greys = 1 << (spread + CENSUS_FINE_ROWS - 1).bit_length()
+    cut, doubled = colour_cut(noise)
+    part = first, last, start, stop + WIDE + (start - stop) % WIDE  # whole vectors
+    left, census, slack = _left_of(pair, part, noise)
+    return ViewCosts(
+        left=left,
+        left_census=census,
+        slack=slack,
+        left_seen=wrapped(pair.left_seen, start, stop),
+        images=images,
+        seen=seen,
+        columns=columns,
+        rows=rows,
+        weights=weights,
+        noise=round(noise),
+        cut=cut,
+        doubled=doubled,
+        samples=np.empty((len(views), ring, PHASES, PLANES, wide), np.uint8),
+        held=np.full((len(views), ring, PHASES), -1, np.int32),
+        greys=np.empty((len(views), ring_of_greys, PHASES, wide + WIDE), np.uint8),
+        held_greys=np.full((len(views), ring_of_greys, PHASES), -1, np.int32),
+    )
+
+
+def _left_of(pair: ColourPair, part: Tile, noise: float) -> tuple[Bytes, Bytes, Bytes]:
+    """Colours, census and slack of a part of the left panorama: see ``ViewCosts``."""
+    top, bottom, start, stop = part
+    planes = np.empty((CENSUS_PLANES, bottom - top, stop - start), np.uint8)
+    short_census(surroundings(pair.left_grey, part), round(noise), planes)
+    rows = np.clip(np.arange(top - 1, bottom + 1), 0, pair.left_grey.shape[0] - 1)
+    left = wrapped(pair.left, start, stop)[:, rows]
+    steps = np.abs(np.diff(left.astype(np.int16), axis=1))
+    most = np.maximum(steps[:, 1:], steps[:, :-1]).sum(axis=0)
+    slack = np.minimum(SLACK * most // 16, 255).astype(np.uint8)
+    return np.ascontiguousarray(left[:, 1:-1]), planes, slack
 
 
 def refine_views(

@@ -18,7 +18,14 @@ import numpy.typing as npt
 
 from panodepth_ros.geometry import Panorama, PanoramaGeometry
 from panodepth_ros.matching.exposure import level_tables
-from panodepth_ros.matching.semiglobal import ROUGH_SCALE, RoughMatch, bridged, small, small_seen
+from panodepth_ros.matching.semiglobal import (
+    ROUGH_SCALE,
+    RoughMatch,
+    bridged,
+    small,
+    small_seen,
+    wrapped,
+)
 
 Bytes = npt.NDArray[np.uint8]
 Array = npt.NDArray[np.float64]
@@ -29,6 +36,8 @@ RADIUS_TOLERANCE = 1e-6
 MOST_DEVIATION = 2.0
 #: Least baseline to the left panorama that tells a distance, as a share of the pair's.
 LEAST_BASELINE = 0.02
+#: Panoramas with less than this share of the weight are left out: they cost as much as others.
+LEAST_SHARE = 0.03
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -39,9 +48,11 @@ class View:
     Attributes
     ----------
     image : ndarray of uint8, shape (H, W, 3) or (H, W)
-        Colours or grey levels, from the panorama's own column 0.
+        Colours or grey levels as they were taken, from the panorama's own column 0.
+    tables : ndarray of uint8, shape (3, 256), or None
+        What gives the colours the pair's brightness.
     grey : ndarray of uint8, shape (H, W)
-        Grey levels, interpolated across columns that were not seen, likewise.
+        Grey levels of the pair's brightness, interpolated across columns that were not seen.
     seen : ndarray of bool, shape (W,)
         Whether a frame saw the column, likewise.
     seam : int
@@ -55,6 +66,7 @@ class View:
     """
 
     image: Bytes
+    tables: Bytes | None
     grey: Bytes
     seen: npt.NDArray[np.bool_]
     seam: int
@@ -67,6 +79,21 @@ class View:
         """Where rows of the left panorama are for these candidates; broadcasts."""
         left, here = self.principal_rows
         return np.asarray(here - (left - row) * self.row_scale[candidate])
+
+    def part(self, rows: npt.NDArray[np.intp], start: int, stop: int) -> Bytes:
+        """Blue, green, red, grey of some ascending rows and of columns start … stop − 1."""
+        first, last = rows[0], rows[-1] + 1
+        taken = np.empty((4, rows.size, stop - start), np.uint8)
+        taken[3] = wrapped(self.grey[first:last], start, stop)[rows - first]
+        if self.image.ndim == 2:
+            colours = wrapped(self.image[first:last], start, stop)
+            taken[:3] = _levelled(colours, self.tables)[rows - first]
+            return taken
+        pixels = self.image[first:last].view('V3')[..., 0]  # three bytes at once
+        colours = wrapped(pixels, start, stop).view(np.uint8).reshape(last - first, -1, 3)
+        for plane, channel in zip(taken, cv2.split(_levelled(colours, self.tables)), strict=False):
+            plane[:] = channel[rows - first]
+        return taken
 
 
 def check_further(left: PanoramaGeometry, further: Sequence[Panorama]) -> None:
@@ -104,6 +131,23 @@ def check_further(left: PanoramaGeometry, further: Sequence[Panorama]) -> None:
             )
 
 
+def helpful(left: PanoramaGeometry, further: Sequence[Panorama]) -> list[Panorama]:
+    """Panoramas whose baseline gives them a say beside the pair's right one, by their angle."""
+    shares = shares_of([1.0, *(_baseline(left, panorama.geometry) for panorama in further)])
+    chosen = [
+        panorama
+        for panorama, share in zip(further, shares[1:], strict=True)
+        if share >= LEAST_SHARE
+    ]
+    return sorted(chosen, key=lambda panorama: panorama.geometry.principal_angle)
+
+
+def shares_of(baselines: Sequence[float]) -> Array:
+    """Share of views in the mean: by the square of the baseline."""
+    squares = np.square(baselines)
+    return np.asarray(squares / squares.sum())
+
+
 def view_of(
     panorama: Panorama,
     left: PanoramaGeometry,
@@ -136,7 +180,8 @@ def view_of(
     scale = _depth(left, distance) * here.focal_length_px
     scale /= _depth(here, distance) * left.focal_length_px
     return View(
-        image=panorama.image,
+        image=np.ascontiguousarray(panorama.image),
+        tables=None,
         grey=_grey(panorama.image, here.seen),
         seen=here.seen,
         seam=seam,
@@ -163,11 +208,17 @@ def equalised_view(view: View, rough: RoughMatch | None, first: int) -> View:
     tables = level_tables(found, rough.right[:, seen])
     if tables is None:
         return view
-    if view.image.ndim == 2:
-        image = tables[0][view.image]
-    else:
-        image = np.stack([t[view.image[..., c]] for c, t in enumerate(tables)], axis=2)
-    return replace(view, image=image, grey=_grey(image, view.seen))
+    grey = _grey(_levelled(view.image, tables), view.seen)
+    return replace(view, tables=tables, grey=grey)
+
+
+def _levelled(image: Bytes, tables: Bytes | None) -> Bytes:
+    """Image, colours or grey levels, with the new values of tables if there are any."""
+    if tables is None:
+        return image
+    if image.ndim == 2:
+        return np.asarray(cv2.LUT(image, tables[0]), np.uint8)
+    return np.asarray(cv2.LUT(image, tables.T[np.newaxis]), np.uint8)
 
 
 def _grey(image: Bytes, seen: npt.NDArray[np.bool_]) -> Bytes:

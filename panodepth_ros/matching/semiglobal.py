@@ -27,10 +27,14 @@ from panodepth_ros.matching.interface import Correspondence, grey_pair
 from panodepth_ros.matching.seam import canonical_seam
 from panodepth_ros.matching.semiglobal_costs import (
     CENSUS_COLUMNS,
+    CENSUS_PLANES,
     CENSUS_ROWS,
     HIGH_NOISE,
     HIGH_NOISE_CUT,
     LOW_NOISE_CUT,
+    PairCosts,
+    Source,
+    census,
     grey_noise,
 )
 from panodepth_ros.matching.semiglobal_paths import (
@@ -46,6 +50,8 @@ from panodepth_ros.matching.semiglobal_paths import (
 
 Bytes = npt.NDArray[np.uint8]
 Float32Array = npt.NDArray[np.float32]
+#: Rows top … bottom − 1 and columns start … stop − 1, as (top, bottom, start, stop).
+Tile = tuple[int, int, int, int]
 Scalar = TypeVar('Scalar', bound=np.generic)
 Locate = Callable[['Bordered', int, int, Float32Array, Float32Array], None]
 
@@ -293,30 +299,46 @@ def aggregate(
     colour : bool
         Whether the colour difference counts, or only the census, as in a rough match.
     """
+
+    def source(tile: Tile) -> PairCosts:
+        return _pair_costs_of(pair, tile, noise, colour=colour)
+
+    # The memory of a rough match stays beside that of the real one.
+    size = TILE_SIZE if colour else TILE_SIZE // ROUGH_SCALE
+    return aggregate_costs(pair, noise, pool, source, size)
+
+
+def aggregate_costs(
+    pair: ColourPair,
+    noise: float,
+    pool: ThreadPoolExecutor,
+    source_of: Callable[[Tile], Source],
+    size: int = TILE_SIZE,
+) -> Winners:
+    """Aggregate what a tile's costs come from, tile by tile; otherwise as :func:`aggregate`."""
     rows, columns = pair.left_grey.shape
-    lanes = -(-pair.candidates // LANES) * LANES
-    cut = HIGH_NOISE_CUT if noise > HIGH_NOISE else LOW_NOISE_CUT
+    lanes = lanes_of(pair)
     penalties = vertical_penalties(noise)
     best, margin = (np.empty((rows, columns), np.uint16) for _ in range(2))
     right_best = np.full((rows, columns), NOBODY, np.uint32)
     merging = threading.Lock()
     memory = threading.local()
 
-    def run(tile: tuple[int, int, int, int]) -> None:
+    def run(tile: Tile) -> None:
         top, bottom, start, stop = tile
         if not hasattr(memory, 'block'):
             memory.block = _one_piece(tile_memory(height, width, lanes))
         found = np.full((bottom - top, stop - start + lanes), NOBODY, np.uint32)
+        source = source_of(tile)
         match_tile(
-            *_surroundings(pair, tile, lanes), top - max(top - MARGIN_ROWS, 0), pair.candidates,
-            round(noise), cut if colour else 0, cut == LOW_NOISE_CUT, penalties,
-            memory.block, best[top:bottom, start:stop], margin[top:bottom, start:stop], found,
+            source, source.left, source.left_seen, top - max(top - MARGIN_ROWS, 0),
+            pair.candidates, penalties, memory.block, best[top:bottom, start:stop],
+            margin[top:bottom, start:stop], found,
         )  # fmt: skip
         with merging:
             merge(right_best[top:bottom], found, pair.first + start)
 
-    # The memory of a rough match stays beside that of the real one.
-    tiles = tiles_of(rows, columns, lanes, TILE_SIZE if colour else TILE_SIZE // ROUGH_SCALE)
+    tiles = tiles_of(rows, columns, lanes, size)
     height = max(bottom - top for top, bottom, _, _ in tiles)
     width = max(stop - start for _, _, start, stop in tiles)
     for _ in pool.map(run, tiles):
@@ -333,29 +355,57 @@ def _one_piece(size: int) -> Bytes:
     return np.frombuffer(mmap.mmap(-1, size), np.uint8)
 
 
-def _surroundings(
-    pair: ColourPair, tile: tuple[int, int, int, int], lanes: int
-) -> tuple[Bytes, Bytes, Bytes, Bytes, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Colours, grey levels and seen columns of a tile with its margins, left and right."""
-    top, bottom, start, stop = tile
-    rows = pair.left_grey.shape[0]
-    first, last = max(top - MARGIN_ROWS, 0), min(bottom + MARGIN_ROWS, rows)
-    census_rows = np.clip(np.arange(first - CENSUS_ROWS, last + CENSUS_ROWS), 0, rows - 1)
-    start, stop = start - MARGIN_COLUMNS, stop + MARGIN_COLUMNS
-    right_start, right_stop = start + pair.first, stop + pair.first + lanes
-    side = CENSUS_COLUMNS
-    return (
-        wrapped(pair.left[:, first:last], start, stop),
-        wrapped(pair.right[:, first:last], right_start, right_stop),
-        wrapped(pair.left_grey, start - side, stop + side)[census_rows],
-        wrapped(pair.right_grey, right_start - side, right_stop + side)[census_rows],
-        wrapped(pair.left_seen, start, stop),
-        wrapped(pair.right_seen, right_start, right_stop),
+def lanes_of(pair: ColourPair) -> int:
+    """Candidates of a pair, padded to whole vectors."""
+    return -(-pair.candidates // LANES) * LANES
+
+
+def colour_cut(noise: float) -> tuple[int, bool]:
+    """Where colour differences are cut off, and whether they are doubled."""
+    return (HIGH_NOISE_CUT, False) if noise > HIGH_NOISE else (LOW_NOISE_CUT, True)
+
+
+def _pair_costs_of(pair: ColourPair, tile: Tile, noise: float, *, colour: bool) -> PairCosts:
+    """What the costs of a tile with its margins come from."""
+    first, last, start, stop = with_margins(tile, pair.left_grey.shape[0])
+    right_start, right_stop = start + pair.first, stop + pair.first + lanes_of(pair)
+    cut, doubled = colour_cut(noise)
+    return PairCosts(
+        left=wrapped(pair.left[:, first:last], start, stop),
+        right=wrapped(pair.right[:, first:last], right_start, right_stop),
+        left_census=_census_of(pair.left_grey, (first, last, start, stop), noise),
+        right_census=_census_of(pair.right_grey, (first, last, right_start, right_stop), noise),
+        left_seen=wrapped(pair.left_seen, start, stop),
+        right_seen=wrapped(pair.right_seen, right_start, right_stop),
+        cut=cut if colour else 0,
+        doubled=doubled,
     )
 
 
-def tiles_of(rows: int, columns: int, lanes: int, size: int) -> list[tuple[int, int, int, int]]:
-    """Tiles as (top, bottom, start, stop)."""
+def with_margins(tile: Tile, rows: int) -> Tile:
+    """Tile with the margins around its core."""
+    top, bottom, start, stop = tile
+    top, bottom = max(top - MARGIN_ROWS, 0), min(bottom + MARGIN_ROWS, rows)
+    return top, bottom, start - MARGIN_COLUMNS, stop + MARGIN_COLUMNS
+
+
+def surroundings(grey: Bytes, part: Tile) -> Bytes:
+    """Grey levels of a part of a panorama, with half a census window more on all sides."""
+    top, bottom, start, stop = part
+    rows = np.clip(np.arange(top - CENSUS_ROWS, bottom + CENSUS_ROWS), 0, grey.shape[0] - 1)
+    return wrapped(grey, start - CENSUS_COLUMNS, stop + CENSUS_COLUMNS)[rows]
+
+
+def _census_of(grey: Bytes, part: Tile, noise: float) -> Bytes:
+    """Census of a part of a panorama, shape (8, h, w)."""
+    top, bottom, start, stop = part
+    planes = np.empty((CENSUS_PLANES, bottom - top, stop - start), np.uint8)
+    census(surroundings(grey, part), round(noise), planes)
+    return planes
+
+
+def tiles_of(rows: int, columns: int, lanes: int, size: int) -> list[Tile]:
+    """Cut a panorama into tiles."""
     strips = -(-rows // TILE_ROWS)
     widest = max(size * strips // (rows * lanes), MARGIN_COLUMNS)
     across = max(-(-columns // widest), -(-FEWEST_TILES // strips))

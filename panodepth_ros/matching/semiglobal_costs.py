@@ -15,11 +15,13 @@ panorama, so that a vector instruction handles 16 to 64 of them.
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple, Protocol
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import int16, uint8
+from numba import int16, types, uint8
+from numba.extending import overload
 
 from panodepth_ros.matching.compiled import kernel
 from panodepth_ros.matching.simd import (
@@ -111,16 +113,23 @@ def census(grey: Bytes, margin: int, planes: Bytes) -> None:
                 bit += 1
 
 
-@kernel
-def candidate_costs(
-    left: Bytes, right: Bytes, left_census: Bytes, right_census: Bytes, left_seen: Seen,
-    right_seen: Seen, y: int, start: int, cut: int, doubled: bool, filler: int, candidates: int,
-    costs: Bytes,
-) -> None:  # fmt: skip
-    """
-    Costs of all candidates of a stretch of one row.
+class Source(Protocol):
+    """What the costs of a tile come from: a NamedTuple that ``candidate_costs`` knows."""
 
-    Parameters
+    @property
+    def left(self) -> Bytes:
+        """Colours of the tile with its margins, shape (3, h, …)."""
+
+    @property
+    def left_seen(self) -> Seen:
+        """Columns that a frame saw, shape (…,)."""
+
+
+class PairCosts(NamedTuple):
+    """
+    What the costs of a tile of a pair come from.
+
+    Attributes
     ----------
     left, right : ndarray of uint8, shapes (3, h, w) and (3, h, w + lanes)
         Colours; candidate k of column x is column x + k of ``right``.
@@ -128,27 +137,72 @@ def candidate_costs(
         Census of the same.
     left_seen, right_seen : ndarray of bool, shapes (w,) and (w + lanes,)
         Columns that a frame saw.
-    y, start : int
-        The row and its first column.
     cut : int
         Where the sum of colour differences is cut off.
     doubled : bool
         Whether the colour difference counts twice.
+    """
+
+    left: Bytes
+    right: Bytes
+    left_census: Bytes
+    right_census: Bytes
+    left_seen: Seen
+    right_seen: Seen
+    cut: int
+    doubled: bool
+
+
+def candidate_costs(
+    source: Source, y: int, start: int, filler: int, candidates: int, costs: Bytes
+) -> None:
+    """
+    Costs of the pixels of a row, inside kernels, whatever they come from.
+
+    Parameters
+    ----------
+    source : PairCosts or fusion_costs.ViewCosts
+    y, start : int
+        The row and its first column.
     filler : int
         Cost of candidates beyond ``candidates``, which only fill up the vectors.
     candidates : int
         Number of candidates.
     costs : ndarray of uint8, shape (n, lanes)
-        Receives the costs; 0 for all candidates of a left column that was not seen.
+        Receives the costs; 0 for all candidates of a left column that was not seen. What
+        follows it in memory may be overwritten up to ``WIDE`` pixels on.
     """
+    raise NotImplementedError('only kernels call it')
+
+
+def costs_come_from(kind: type[NamedTuple], implementation: Any) -> None:
+    """Let ``candidate_costs`` of such a source be this kernel with the same parameters."""
+
+    def choose(source: Any, y: Any, start: Any, filler: Any, candidates: Any, costs: Any) -> Any:
+        if not isinstance(source, types.NamedTuple) or source.instance_class is not kind:
+            return None
+        return implementation.py_func
+
+    overload(candidate_costs, strict=False)(choose)  # their annotations differ
+
+
+@kernel
+def pair_costs(
+    source: PairCosts, y: int, start: int, filler: int, candidates: int, costs: Bytes
+) -> None:
+    """Costs of a pair: see ``candidate_costs``."""
+    left, right, left_seen, right_seen = (
+        source.left, source.right, source.left_seen, source.right_seen
+    )  # fmt: skip
+    left_census, right_census = source.left_census, source.right_census
     count, lanes = costs.shape
     rows, right_wide = right.shape[1:]
     # Fillers cost more than any candidate, so the larger of both is right.
     least = np.zeros(lanes, np.uint8)
     least[candidates:] = uint8(filler)
-    doubling = splat_wide(uint8(255 if doubled else 0))
+    doubling = splat_wide(uint8(255 if source.doubled else 0))
     ceiling, unseen, nothing = (
-        splat_wide(uint8(cut)), splat_wide(uint8(UNSEEN_COST)), splat_wide(uint8(0))
+        splat_wide(uint8(source.cut)), splat_wide(uint8(UNSEEN_COST)), splat_wide(uint8(0))
     )  # fmt: skip
     for x in range(count):
         at = start + x
@@ -178,3 +232,6 @@ def candidate_costs(
             seen = load_wide(right_seen, at + k)
             cost = where_at_most(seen, nothing, unseen, cost)
             store(costs, x * lanes + k, maximum(cost, load_wide(least, k)))
+
+
+costs_come_from(PairCosts, pair_costs)

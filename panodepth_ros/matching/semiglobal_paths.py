@@ -27,11 +27,7 @@ import numpy.typing as npt
 from numba import int32, int64, njit, uint8, uint16, uint32
 
 from panodepth_ros.matching.compiled import kernel
-from panodepth_ros.matching.semiglobal_costs import (
-    CENSUS_PLANES,
-    candidate_costs,
-    census,
-)
+from panodepth_ros.matching.semiglobal_costs import Source, candidate_costs
 from panodepth_ros.matching.simd import (
     WIDE,
     lane_after,
@@ -288,36 +284,30 @@ def disagreement(best: Totals, right_best: Names, first: int, eyes: Bytes) -> No
 def tile_memory(rows: int, columns: int, lanes: int) -> int:
     """Bytes that ``match_tile`` works in, for a core of that size."""
     wide = columns + 2 * MARGIN_COLUMNS
-    return (rows * (wide + columns) + ROWS_AT_ONCE * columns) * lanes
+    return (rows * (wide + columns) + ROWS_AT_ONCE * columns + WIDE) * lanes
 
 
 @kernel
 def match_tile(
-    left: Bytes, right: Bytes, left_grey: Bytes, right_grey: Bytes, left_seen: Seen,
-    right_seen: Seen, above: int, candidates: int, noise: int, cut: int, doubled: bool,
-    penalties: Bytes, memory: Bytes, best: Totals, margin: Totals, right_best: Names,
+    source: Source, image: Bytes, seen: Seen, above: int, candidates: int, penalties: Bytes,
+    memory: Bytes, best: Totals, margin: Totals, right_best: Names,
 ) -> None:  # fmt: skip
     """
     Match the core of a tile.
 
     Parameters
     ----------
-    left, right : ndarray of uint8, shapes (3, h, w) and (3, h, w + lanes)
+    source : Source
+        What ``candidate_costs`` takes the tile's costs from.
+    image : ndarray of uint8, shape (3, h, …)
         Colours of the tile: its core, ``above`` rows before it, up to ``MARGIN_ROWS`` after it
-        and ``MARGIN_COLUMNS`` on either side. Candidate k of a column is k columns on in
-        ``right``.
-    left_grey, right_grey : ndarray of uint8, shapes (h + 6, w + 8) and (h + 6, w + lanes + 8)
-        Grey levels, with half a census window more on all sides.
-    left_seen, right_seen : ndarray of bool, shapes (w,) and (w + lanes,)
-        Columns that a frame saw.
+        and ``MARGIN_COLUMNS`` on either side.
+    seen : ndarray of bool, shape (…,)
+        Columns that a frame saw, likewise.
     above : int
         Rows before the core.
     candidates : int
         Number of candidates; the lanes are these, padded to whole vectors.
-    noise : int
-        Margin of the census [grey levels].
-    cut, doubled : int, bool
-        See ``candidate_costs``.
     penalties : ndarray of uint8, shape (256,)
         See ``vertical_penalties``.
     memory : ndarray of uint8, one-dimensional
@@ -328,34 +318,25 @@ def match_tile(
         Receives total · 2¹⁶ + candidate of the right pixels' best, from the core's left pixels
         only; column 0 is candidate 0 of the first column. What none is compared with stays.
     """
-    height, wide = left.shape[1], left.shape[2]
+    height = image.shape[1]
     rows, columns = best.shape
-    lanes = right.shape[2] - wide
-    costs = memory[: rows * wide * lanes].reshape(rows, wide, lanes)
-    flat_costs, sums = memory[: costs.size], memory[costs.size :]
+    wide, lanes = columns + 2 * MARGIN_COLUMNS, right_best.shape[1] - columns
+    size = rows * wide * lanes
+    costs, flat_costs = memory[:size].reshape(rows, wide, lanes), memory[:size]
+    sums = memory[size + WIDE * lanes :]
     down, across = sums[: rows * columns * lanes], sums[rows * columns * lanes :]
-    left_census = np.empty((CENSUS_PLANES, height, wide), np.uint8)
-    right_census = np.empty((CENSUS_PLANES, height, wide + lanes), np.uint8)
-    census(left_grey, noise, left_census)
-    census(right_grey, noise, right_census)
-    row_costs = np.empty((columns, lanes), np.uint8)
-    flat_row = row_costs.reshape(columns * lanes)
+    flat_row = np.empty((columns + WIDE) * lanes, np.uint8)
+    row_costs = flat_row[: columns * lanes].reshape(columns, lanes)
     large = np.empty((height + 1, columns), np.uint8)
-    _vertical_edges(left, penalties, large)
+    _vertical_edges(image, penalties, large)
     states = np.empty(columns * (lanes + WIDE), np.uint8)
     floors = np.zeros(columns, np.uint8)
     _clear(states, lanes)
     for y in range(above):
-        candidate_costs(
-            left, right, left_census, right_census, left_seen, right_seen, y, MARGIN_COLUMNS,
-            cut, doubled, FILLER_COST, candidates, row_costs,
-        )  # fmt: skip
+        candidate_costs(source, y, MARGIN_COLUMNS, FILLER_COST, candidates, row_costs)
         _down(states, floors, large[y], flat_row, 0, down, 0, NOTHING, lanes)
     for r in range(rows):
-        candidate_costs(
-            left, right, left_census, right_census, left_seen, right_seen, above + r, 0,
-            cut, doubled, FILLER_COST, candidates, costs[r],
-        )  # fmt: skip
+        candidate_costs(source, above + r, 0, FILLER_COST, candidates, costs[r])
         _down(
             states, floors, large[above + r], flat_costs, (r * wide + MARGIN_COLUMNS) * lanes,
             down, r * columns * lanes, KEEP, lanes,
@@ -363,12 +344,9 @@ def match_tile(
     _clear(states, lanes)
     floors[:] = uint8(0)
     for y in range(height - 1, above + rows - 1, -1):
-        candidate_costs(
-            left, right, left_census, right_census, left_seen, right_seen, y, MARGIN_COLUMNS,
-            cut, doubled, FILLER_COST, candidates, row_costs,
-        )  # fmt: skip
+        candidate_costs(source, y, MARGIN_COLUMNS, FILLER_COST, candidates, row_costs)
         _down(states, floors, large[y + 1], flat_row, 0, down, 0, NOTHING, lanes)
-    seen = left_seen[MARGIN_COLUMNS : MARGIN_COLUMNS + columns]
+    core_seen = seen[MARGIN_COLUMNS : MARGIN_COLUMNS + columns]
     across_states = np.empty(2 * ROWS_AT_ONCE * (lanes + WIDE), np.uint8)
     for top in range((rows - 1) // ROWS_AT_ONCE * ROWS_AT_ONCE, -1, -ROWS_AT_ONCE):
         together = min(ROWS_AT_ONCE, rows - top)
@@ -378,5 +356,6 @@ def match_tile(
             _up(
                 states, floors, large[above + r + 1], flat_costs,
                 (r * wide + MARGIN_COLUMNS) * lanes, across, (r - top) * columns * lanes, down,
-                r * columns * lanes, lanes, candidates, seen, best[r], margin[r], right_best[r],
+                r * columns * lanes, lanes, candidates, core_seen, best[r], margin[r],
+                right_best[r],
             )  # fmt: skip

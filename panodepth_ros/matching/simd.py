@@ -9,8 +9,9 @@ so the code is the same on every processor. Nothing checks bounds: arrays must b
 whole vectors.
 
 Vectors of one type combine with ``+``, ``-`` and ``*``, those of integers, which wrap, also with
-``&``, ``|`` and ``^``, those of real numbers with ``/``. ``load_wide`` and ``splat_wide`` make
-vectors of ``WIDE`` small integers; they combine in the same way.
+``&``, ``|`` and ``^``, those of unsigned ones with ``>>``, those of real numbers with ``/``.
+``load_wide`` and ``splat_wide`` make vectors of ``WIDE`` small integers; they combine in the same
+way.
 """
 
 from __future__ import annotations
@@ -136,6 +137,54 @@ def _saturated_sum(typing: Any, a: Any, b: Any) -> Any:
     return a(a, b), _of_llvm('uadd.sat')
 
 
+def _saturated_difference(typing: Any, a: Any, b: Any) -> Any:
+    """Return the differences of unsigned integers, or 0 where they are negative."""
+    return a(a, b), _of_llvm('usub.sat')
+
+
+def _transpose(
+    typing: Any, source: Any, at: Any, stride: Any, target: Any, to: Any, target_stride: Any
+) -> Any:  # fmt: skip
+    """
+    Write a block of ``WIDE`` × ``WIDE`` numbers with its rows as columns.
+
+    Rows begin ``stride`` numbers apart from ``at`` on, those written ``target_stride`` from
+    ``to`` on.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array, begin, step, other, other_begin, other_step = arguments
+
+        def address(kind: Any, of: Any, first: Any, apart: Any, number: int) -> Any:
+            index = builder.add(first, builder.mul(apart, ir.Constant(apart.type, number)))
+            return _address(context, builder, kind, WIDE, of, index)
+
+        rows = []
+        for number in range(WIDE):
+            rows.append(builder.load(address(signature.args[0], array, begin, step, number)))
+            rows[-1].align = 1
+        # Merging row i with row i + WIDE / 2, number by number, log2(WIDE) times transposes.
+        half, lanes = WIDE // 2, ir.VectorType(_INDEX, WIDE)
+        for _ in range(WIDE.bit_length() - 1):
+            merged = []
+            for number in range(half):
+                for start in (0, half):
+                    order = [start + k // 2 + WIDE * (k % 2) for k in range(WIDE)]
+                    merged.append(
+                        builder.shuffle_vector(
+                            rows[number], rows[number + half], ir.Constant(lanes, order)
+                        )
+                    )
+            rows = merged
+        for number, row in enumerate(rows):
+            place = address(signature.args[3], other, other_begin, other_step, number)
+            builder.store(row, place).align = 1
+        return context.get_dummy_value()
+
+    intp = types.intp
+    return types.void(source, intp, intp, target, intp, intp), generate
+
+
 def _splatting(lanes: int) -> Any:
     def function(typing: Any, value: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -173,7 +222,7 @@ def _neighbours(step: int) -> Any:
 def _arithmetic(integer: str | None, floating: str | None) -> Any:
     def function(typing: Any, a: Any, b: Any) -> Any:
         operation = integer if _is_integer(a) else floating
-        if operation is None:
+        if operation is None or (operation == 'lshr' and a.element.signed):
             return None
 
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -253,6 +302,8 @@ splat, splat_wide = intrinsic(_splatting(LANES)), intrinsic(_splatting(WIDE))
 where_at_most = intrinsic(_where_at_most)
 bit_count = intrinsic(_bit_count)
 saturated_sum = intrinsic(_saturated_sum)
+saturated_difference = intrinsic(_saturated_difference)
+transpose = intrinsic(_transpose)
 #: Each lane's neighbour before it in (before, here), or after it in (here, after).
 lane_before, lane_after = intrinsic(_neighbours(-1)), intrinsic(_neighbours(1))
 greater = intrinsic(_greater)
@@ -261,10 +312,11 @@ square_root = intrinsic(_square_root)
 maximum, minimum = intrinsic(_extremum('>')), intrinsic(_extremum('<'))
 #: The largest, or smallest, number in a vector.
 largest, smallest = intrinsic(_reduction('>')), intrinsic(_reduction('<'))
-#: int16 to int32, uint8 to uint16, int32 to float32 (nearest), int32 to float64, float32 to int32
-#: (towards zero).
+#: int16 to int32, uint8 to uint16 and back (modulo 256), int32 to float32 (nearest), int32 to
+#: float64, float32 to int32 (towards zero).
 widen = intrinsic(_conversion(types.int32, 'sext'))
 widen_bytes = intrinsic(_conversion(types.uint16, 'zext'))
+narrow_words = intrinsic(_conversion(types.uint8, 'trunc'))
 to_float = intrinsic(_conversion(types.float32, 'sitofp'))
 to_double = intrinsic(_conversion(types.float64, 'sitofp'))
 to_integer = intrinsic(_conversion(types.int32, 'fptosi'))
@@ -276,3 +328,4 @@ _overload(operator.truediv, _arithmetic(None, 'fdiv'))
 _overload(operator.and_, _arithmetic('and_', None))
 _overload(operator.or_, _arithmetic('or_', None))
 _overload(operator.xor, _arithmetic('xor', None))
+_overload(operator.rshift, _arithmetic('lshr', None))

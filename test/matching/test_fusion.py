@@ -249,9 +249,9 @@ def test_unusable_panoramas_are_named() -> None:
 
 def test_prepare_leaves_nothing_to_compile() -> None:
     fusion.prepare()
-    kernels = [fusion.fused_costs, fusion.aggregate_costs, fusion.add_view]
+    kernels = [semiglobal.match_tile, fusion.add_view]
     compiled = [len(kernel.signatures) for kernel in kernels]
-    assert min(compiled) == 1
+    assert min(compiled) > 0
     left, right, further = sweep(1.0)
     match(left, right, further=further)
     coloured = [with_image(p, np.stack([p.image] * 3, axis=2)) for p in (left, right, *further)]

@@ -47,10 +47,10 @@ def test_costs_are_as_defined(cut: int, doubled: bool, margin: int) -> None:
     costs.census(left_grey, margin, left_census)
     costs.census(right_grey, margin, right_census)
     found = np.empty((WIDTH - 2, LANES), np.uint8)
-    costs.candidate_costs(
-        left, right, left_census, right_census, left_seen, right_seen, 3, 2,
-        cut, doubled, FILLER, CANDIDATES, found,
-    )  # fmt: skip
+    source = costs.PairCosts(
+        left, right, left_census, right_census, left_seen, right_seen, cut, doubled
+    )
+    costs.pair_costs(source, 3, 2, FILLER, CANDIDATES, found)
     for x in range(2, WIDTH):
         for k in range(LANES):
             if not left_seen[x]:
@@ -88,10 +88,11 @@ def test_no_cost_exceeds_the_largest() -> None:
     seen = np.ones(80, bool)
     found = np.empty((16, LANES), np.uint8)
     for cut, doubled in ((costs.LOW_NOISE_CUT, True), (costs.HIGH_NOISE_CUT, False)):
-        costs.candidate_costs(
+        source = costs.PairCosts(
             extremes[..., :16].copy(), extremes, census[..., :16].copy(), ~census, seen[:16],
-            seen, 0, 0, cut, doubled, FILLER, LANES, found,
+            seen, cut, doubled,
         )  # fmt: skip
+        costs.pair_costs(source, 0, 0, FILLER, LANES, found)
         assert found.max() <= costs.LARGEST_COST
 
 

@@ -37,26 +37,23 @@ def test_tile_has_the_winners_of_the_recursion() -> None:
     right_grey = noise_image(rng, ROWS + 6, WIDE + LANES + 8)
     left_seen, right_seen = np.ones(WIDE, bool), np.ones(WIDE + LANES, bool)
     left_seen[40] = right_seen[60] = False
-    penalties = paths.vertical_penalties(1.0)
-    best, margin = (np.zeros((ROWS, COLUMNS), np.uint16) for _ in range(2))
-    right_best = np.full((ROWS, COLUMNS + LANES), paths.NOBODY, np.uint32)
-    memory = np.empty(paths.tile_memory(ROWS, COLUMNS, LANES), np.uint8)
-    paths.match_tile(
-        left, right, left_grey, right_grey, left_seen, right_seen, 0, CANDIDATES, 1, 30, True,
-        penalties, memory, best, margin, right_best,
-    )  # fmt: skip
-
     descriptors = [
         np.empty((costs.CENSUS_PLANES, ROWS, width), np.uint8) for width in (WIDE, WIDE + LANES)
     ]
     costs.census(left_grey, 1, descriptors[0])
     costs.census(right_grey, 1, descriptors[1])
+    source = costs.PairCosts(left, right, *descriptors, left_seen, right_seen, 30, True)
+    penalties = paths.vertical_penalties(1.0)
+    best, margin = (np.zeros((ROWS, COLUMNS), np.uint16) for _ in range(2))
+    right_best = np.full((ROWS, COLUMNS + LANES), paths.NOBODY, np.uint32)
+    memory = np.empty(paths.tile_memory(ROWS, COLUMNS, LANES), np.uint8)
+    paths.match_tile(
+        source, left, left_seen, 0, CANDIDATES, penalties, memory, best, margin, right_best
+    )
+
     one_byte = np.empty((ROWS, WIDE, LANES), np.uint8)
     for y in range(ROWS):
-        costs.candidate_costs(
-            left, right, *descriptors, left_seen, right_seen, y, 0, 30, True,
-            paths.FILLER_COST, CANDIDATES, one_byte[y],
-        )  # fmt: skip
+        costs.pair_costs(source, y, 0, paths.FILLER_COST, CANDIDATES, one_byte[y])
     cost = one_byte.astype(np.int64)
     core = slice(paths.MARGIN_COLUMNS, paths.MARGIN_COLUMNS + COLUMNS)
     everywhere = np.full(WIDE, paths.LARGE_PENALTY)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import int32
+from numba import int32, uint16
 
 from panodepth_ros.matching.compiled import kernel
 from panodepth_ros.matching.simd import (
@@ -19,6 +19,8 @@ from panodepth_ros.matching.simd import (
     load_wide,
     maximum,
     minimum,
+    narrow_words,
+    saturated_difference,
     saturated_sum,
     smallest,
     splat,
@@ -28,6 +30,7 @@ from panodepth_ros.matching.simd import (
     to_double,
     to_float,
     to_integer,
+    transpose,
     where_at_most,
     widen,
     widen_bytes,
@@ -113,6 +116,9 @@ def small_integers(
         store(out[1], i, saturated_sum(x, y))
         store(out[2], i, minimum(x, y))
         store(out[3], i, where_at_most(x, y, load_wide(seen, i), splat_wide(b[0])))
+        store(out[4], i, saturated_difference(x, y))
+        product = widen_bytes(x) * widen_bytes(y)
+        store(out[5], i, narrow_words(product >> splat_wide(uint16(3))))
         store(sums, i, widen_bytes(x) + widen_bytes(y))
     result: int = smallest(load_wide(a, WIDE))
     return result
@@ -123,14 +129,32 @@ def test_bytes_count_saturate_and_choose() -> None:
     a, b = rng.integers(0, 256, (2, 3 * WIDE)).astype(np.uint8)
     seen = rng.random(a.size) < 0.5
     b[:5] = a[:5]
-    out, sums = np.zeros((4, a.size), np.uint8), np.zeros(a.size, np.uint16)
+    out, sums = np.zeros((6, a.size), np.uint8), np.zeros(a.size, np.uint16)
     least = small_integers(a, b, seen, out, sums)
     np.testing.assert_array_equal(out[0], np.unpackbits((a ^ b)[:, np.newaxis], axis=1).sum(1))
     np.testing.assert_array_equal(sums, a.astype(np.uint16) + b)
     np.testing.assert_array_equal(out[1], np.minimum(sums, 255))
     np.testing.assert_array_equal(out[2], np.minimum(a, b))
     np.testing.assert_array_equal(out[3], np.where(a <= b, seen, b[0]))
+    high = a.astype(np.uint16) * b >> 3
+    np.testing.assert_array_equal(out[5], high.astype(np.uint8))  # modulo 256
+    np.testing.assert_array_equal(out[4], np.maximum(a.astype(np.int16) - b, 0))
     assert least == a[WIDE : 2 * WIDE].min()
+
+
+@kernel
+def turned(a: npt.NDArray[np.uint8], out: npt.NDArray[np.uint8]) -> None:
+    transpose(a, 3, a.shape[1], out, 2 * out.shape[1] + 1, out.shape[1])
+
+
+def test_blocks_are_transposed() -> None:
+    rng = np.random.default_rng(6)
+    a = rng.integers(0, 256, (WIDE, WIDE + 5)).astype(np.uint8)
+    out = np.zeros((WIDE + 3, WIDE + 2), np.uint8)
+    turned(a, out)
+    np.testing.assert_array_equal(out[2:-1, 1:-1], a[:, 3 : 3 + WIDE].T)
+    out[2:-1, 1:-1] = 0
+    assert not out.any()
 
 
 @kernel
