@@ -458,7 +458,8 @@ def refine(
     """
     Find sub-column disparities and probabilities, shape (H, W), for all pixels.
 
-    The probability is 0 where an eye did not see. The bands in which this happens do not show.
+    The probability is 0 where an eye did not see, or another candidate does as well. The bands
+    in which this happens do not show.
     ``locate`` stands in for ``refinement.locate``, from images and rows start … stop − 1 to
     fraction and weight.
     """
@@ -475,6 +476,7 @@ def refine(
         weight[band] = certainty * promised**2 + np.float32(refinement.LEAST_WEIGHT)
         if not everything_seen:
             promised[~pair.right_seen[pair.partners(winners.best[band])]] = 0
+        promised[winners.margin[band] == 0] = 0  # a tie, as in what is overexposed or black
         probability[band] = promised
 
     steps = images.best

@@ -175,6 +175,12 @@ def test_unrelated_images_are_not_trusted() -> None:
     assert not np.any(found.confidence > 0.9)
 
 
+@pytest.mark.parametrize('level', [0, 255])
+def test_a_black_or_overexposed_view_is_unknown(level: int) -> None:
+    image = np.full((ROWS, COLUMNS), level, np.uint8)
+    assert np.isnan(matched(pair_of(image, image, CANDIDATES)).column_disparity).all()
+
+
 @pytest.mark.parametrize('columns_rolled', [1, 7, 159, -3])
 def test_rolling_both_panoramas_rolls_the_result(columns_rolled: int) -> None:
     # Hardly more than noise: where tiles begin and end must show everywhere if it can show at all.
