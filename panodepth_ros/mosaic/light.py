@@ -213,7 +213,9 @@ class Light:
             'light.first': self._first,
             'light.last': self._last,
             'light.azimuths': np.array(self._azimuths),
-            'light.ratios': np.array(self._ratios).reshape(self.frames - 1, -1),
+            'light.ratios': np.array(self._ratios).reshape(
+                self.frames - 1, _channels(self._first)
+            ),
             'light.changes': np.array(self._changes).reshape(-1, 3),
         }
 
@@ -235,13 +237,12 @@ class Light:
             for name in ('first', 'last', 'ratios', 'changes', 'azimuths')
         )
         size = camera.height // light._factor, camera.width // light._factor
-        channels = 1 if first.ndim == 2 else 3
         if not (
             first.shape in (size, (*size, 3))
             and last.shape == first.shape
             and first.dtype == last.dtype == np.uint8
             and ratios.ndim == changes.ndim == 2
-            and ratios.shape[1] == (channels if len(ratios) else ratios.shape[1])
+            and ratios.shape[1] == _channels(first)
             and changes.shape[1] == 3
             and azimuths.shape == (len(ratios) + 1,)
             and all(np.isfinite(numbers).all() for numbers in (ratios, changes, azimuths))
@@ -251,6 +252,10 @@ class Light:
         light._ratios, light.frames = list(ratios), len(ratios) + 1
         light._changes = [(float(at), float(low), float(high)) for at, low, high in changes]
         return light
+
+
+def _channels(image: Image) -> int:
+    return 1 if image.ndim == 2 else 3
 
 
 def _grey(image: Image) -> Image:

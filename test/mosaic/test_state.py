@@ -65,6 +65,13 @@ def test_state_before_the_first_frame_has_no_sweep(tmp_path):
     assert load_state(tmp_path / 'state', RIG, CAMERA).sweep(RIG, CAMERA) is None
 
 
+def test_sweep_of_one_frame_comes_back(tmp_path):
+    one = Sweep(RIG, CAMERA, 0.0)
+    one.add(1000, np.full((9, 41, 3), 77, np.uint8), 0.0)
+    save_state(tmp_path / 'state', one, 0.0)
+    assert load_state(tmp_path / 'state', RIG, CAMERA).sweep(RIG, CAMERA).start == 1000
+
+
 def test_no_state_is_none(tmp_path):
     assert load_state(tmp_path / 'state', RIG, CAMERA) is None
 
