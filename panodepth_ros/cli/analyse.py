@@ -19,6 +19,7 @@ from panodepth_ros.analysis.capture_time import (
     widest_stripe,
 )
 from panodepth_ros.analysis.rig import RigNumbers
+from panodepth_ros.cli.outputs import check_folder
 from panodepth_ros.cli.plotting import PlottingError, plotting
 
 #: Distances whose error is told if none are asked for [m].
@@ -132,6 +133,8 @@ def run(arguments: argparse.Namespace) -> int:
         if getattr(arguments, name) is None:
             setattr(arguments, name, value)
     try:
+        if arguments.figures is not None:
+            check_folder(arguments.figures)
         rigs = [_rig(arguments, offset) for offset in arguments.offset]
         lines = [*_limits(rigs, arguments.allow), *_table_1(rigs), *_table_2(rigs)]
         for rig in rigs:

@@ -19,6 +19,7 @@ from panodepth_ros.calibration import (
 )
 from panodepth_ros.calibration.self_calibration import KNOWN_CENTRE, UNKNOWN_CENTRE
 from panodepth_ros.camera.calibration import Calibration, write_calibration
+from panodepth_ros.cli.outputs import check_file
 
 #: Unknown to its name for people, unit, and factor from the core's unit.
 _SHOWN = {
@@ -92,6 +93,8 @@ def run(arguments: argparse.Namespace) -> int:
         principal_point=UNKNOWN_CENTRE if rough else KNOWN_CENTRE,
     )
     try:
+        for path in filter(None, (arguments.output, arguments.parameters)):
+            check_file(path)
         sweep = read_sweep(
             arguments.bag,
             joint_name=arguments.joint_name,

@@ -27,6 +27,7 @@ from std_srvs.srv import Trigger
 
 from panodepth_ros.cli.demo_report import film, report
 from panodepth_ros.cli.domain import claimed_domain
+from panodepth_ros.cli.outputs import check_folder
 from panodepth_ros.cli.processes import ProcessError, Processes
 from panodepth_ros.ros.messages import JointReading, joint_reading
 
@@ -90,6 +91,11 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'panodepth_ros demo: {parameters} is not a file', file=sys.stderr)
         return 1
     output: Path = arguments.output
+    try:
+        check_folder(output)
+    except OSError as error:
+        print(f'panodepth_ros demo: {error}', file=sys.stderr)
+        return 1
     output.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(output / 'bag', ignore_errors=True)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

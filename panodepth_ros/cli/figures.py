@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from panodepth_ros.bag import BagError
 from panodepth_ros.cli.features import Comparison, compare, load_features, table
+from panodepth_ros.cli.outputs import check_folder
 from panodepth_ros.cli.plotting import PlottingError, plotting
 from panodepth_ros.cli.sweeps import add_sweep_arguments, read_pair, share
 from panodepth_ros.geometry import Panorama, Points
@@ -69,6 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     output: Path = arguments.output
     try:
         plots = plotting('export.paper_figures')
+        check_folder(output)
         features = load_features(arguments.features) if arguments.features else []
         settings = ScanSettings(
             min_confidence=arguments.min_confidence,

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from panodepth_ros.bag import BagError
+from panodepth_ros.cli.outputs import check_file
 from panodepth_ros.cli.sweeps import add_sweep_arguments, read_pair
 from panodepth_ros.export.ply import vertices, write_ply
 from panodepth_ros.matching import match, triangulate_match
@@ -43,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write the file; return the exit code."""
     try:
+        check_file(arguments.output)
         left, right = read_pair(arguments.bag, arguments.namespace)
         matched = match(left, right, method=arguments.method, threads=arguments.threads)
         points = triangulate_match(matched, left.geometry, right.geometry)

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from panodepth_ros.bag import BagError
+from panodepth_ros.cli.outputs import check_file
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write the report; return the exit code."""
     try:
+        check_file(arguments.output)
         # Both need packages that not everyone has.
         recording = importlib.import_module('panodepth_ros.cli.recording')
         report_page = importlib.import_module('panodepth_ros.cli.report_page')

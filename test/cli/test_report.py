@@ -123,7 +123,7 @@ def test_what_cannot_be_reported_is_told_in_a_sentence(tmp_path, capsys):
     good = bag_of(tmp_path / 'good', sweep_messages(7))
     output = ('-o', tmp_path / 'r.html')
     assert 'band is 0.2 m to 0.1 m' in failed(capsys, good, *output, '--band', '0.2', '0.1')
-    assert 'No such file' in failed(capsys, good, '-o', tmp_path / 'nowhere' / 'r.html')
+    assert 'nowhere is not a folder' in failed(capsys, good, '-o', tmp_path / 'nowhere' / 'r.html')
     assert not (tmp_path / 'r.html').exists()
 
 
