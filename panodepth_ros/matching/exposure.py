@@ -1,5 +1,5 @@
 """
-The same brightness in both eyes: gain and offset per colour from a rough match.
+The same brightness in both eyes: gain and offset per colour from a rough match; what is clipped.
 
 Colours are compared as they are, which is what carries depth into surfaces without texture, but
 a camera that changed its exposure between the two sightings would make everything differ.
@@ -7,8 +7,12 @@ a camera that changed its exposure between the two sightings would make everythi
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import numpy.typing as npt
+
+from panodepth_ros.geometry import Panorama
+from panodepth_ros.matching.semiglobal_costs import CENSUS_COLUMNS, CENSUS_ROWS
 
 Bytes = npt.NDArray[np.uint8]
 
@@ -20,6 +24,31 @@ LEAST_CHANGE = 0.75
 LEAST_PIXELS = 200
 #: Pixels that are enough for an estimate.
 ENOUGH_PIXELS = 3000
+
+
+def clipped(panorama: Panorama) -> npt.NDArray[np.bool_]:
+    """
+    Areas of a panorama that are overexposed or black: what is in them cannot be told.
+
+    Where such an area ends, the light ends, and not a surface: its edges tell nothing of its
+    depth, as those of a plain wall do.
+
+    Returns
+    -------
+    ndarray of bool, shape (H, W)
+        Whether a pixel is part of a census window in which every channel is 0 everywhere or 255
+        everywhere. Columns that were not seen are part of none.
+    """
+    window = np.ones((2 * CENSUS_ROWS + 1, 2 * CENSUS_COLUMNS + 1), np.uint8)
+    around = 2 * CENSUS_COLUMNS
+    columns = np.arange(-around, panorama.geometry.columns + around) % panorama.geometry.columns
+    image = panorama.image[:, columns]
+    image[:, ~panorama.geometry.seen[columns]] = 128
+    whole = (cv2.erode(image, window) == 255) | (cv2.dilate(image, window) == 0)
+    if whole.ndim == 3:
+        whole = whole.all(axis=2)
+    areas = cv2.dilate(whole.astype(np.uint8), window)[:, around:-around]
+    return np.asarray(areas > 0)
 
 
 def level_tables(left: Bytes, right: Bytes) -> Bytes | None:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from panodepth_ros.geometry import Panorama, PanoramaGeometry
 from panodepth_ros.matching import refinement, semiglobal
+from panodepth_ros.matching.exposure import clipped
 from panodepth_ros.matching.fusion_costs import (
     AFTER,
     BEFORE,
@@ -91,7 +92,7 @@ def match_sweep(
         pair, views, seam = look(left, right, further, pool)
         winners = aggregate_views(pair, views, grey_noise(pair.left_grey), pool)
         disparity, probability = refine_views(pair, views, winners, pool)
-    return semiglobal.kept(disparity, probability, seam)
+    return semiglobal.kept(disparity, probability, seam, clipped(left))
 
 
 def prepare() -> None:

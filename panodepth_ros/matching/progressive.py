@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from panodepth_ros.geometry import Panorama
 from panodepth_ros.matching import semiglobal
+from panodepth_ros.matching.exposure import clipped
 from panodepth_ros.matching.interface import Correspondence, GreyPair, grey_pair
 from panodepth_ros.matching.semiglobal_costs import grey_noise
 
@@ -152,6 +153,6 @@ def match_block(
         pair = semiglobal.equalised(pair, semiglobal.rough_match(pair, pool))
         winners = semiglobal.aggregate(pair, noise, pool)
         disparity, probability = semiglobal.refine(pair, winners, pool)
-    kept = semiglobal.kept(disparity, probability, 0)
+    kept = semiglobal.kept(disparity, probability, 0, clipped(left)[:, cut])
     block = slice(start - begin, stop - begin)
     return Correspondence(kept.column_disparity[:, block], kept.confidence[:, block])

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from panodepth_ros.geometry import Panorama
 from panodepth_ros.matching import confidence, refinement
-from panodepth_ros.matching.exposure import level_tables
+from panodepth_ros.matching.exposure import clipped, level_tables
 from panodepth_ros.matching.interface import Correspondence, grey_pair
 from panodepth_ros.matching.seam import canonical_seam
 from panodepth_ros.matching.semiglobal_costs import (
@@ -138,15 +138,21 @@ def match_semiglobal(
         pair = equalised(pair, rough_match(pair, pool))
         winners = aggregate(pair, noise.result(), pool)
         disparity, probability = refine(pair, winners, pool)
-    return kept(disparity, probability, seam)
+    return kept(disparity, probability, seam, clipped(left))
 
 
-def kept(disparity: Float32Array, probability: Float32Array, seam: int) -> Correspondence:
-    """What is probable enough, on the left panorama's own columns."""
-    unmatched = probability < LEAST_CONFIDENCE
+def kept(
+    disparity: Float32Array,
+    probability: Float32Array,
+    seam: int,
+    unknown: npt.NDArray[np.bool_],
+) -> Correspondence:
+    """What is probable enough and not ``unknown``, on the left panorama's own columns."""
+    disparity, probability = (np.roll(a, seam, axis=1) for a in (disparity, probability))
+    unmatched = (probability < LEAST_CONFIDENCE) | unknown
     disparity[unmatched] = np.nan
     probability[unmatched] = np.nan
-    return Correspondence(np.roll(disparity, seam, axis=1), np.roll(probability, seam, axis=1))
+    return Correspondence(disparity, probability)
 
 
 def prepare() -> None:

@@ -14,6 +14,7 @@ from panodepth_ros.geometry import Panorama
 from panodepth_ros.matching import (
     Correspondence,
     confidence,
+    exposure,
     match,
     refinement,
     semiglobal,
@@ -179,6 +180,43 @@ def test_unrelated_images_are_not_trusted() -> None:
 def test_a_black_or_overexposed_view_is_unknown(level: int) -> None:
     image = np.full((ROWS, COLUMNS), level, np.uint8)
     assert np.isnan(matched(pair_of(image, image, CANDIDATES)).column_disparity).all()
+
+
+@pytest.mark.parametrize('level', [0, 255])
+def test_a_black_or_overexposed_area_takes_no_depth_from_its_edges(level: int) -> None:
+    # The edges are at the same columns in both eyes, as those of a reflection far away.
+    rng = np.random.default_rng(9)
+    right = np.clip(np.rint(texture(rng, ROWS, COLUMNS)[:, ::32]), 1, 254).astype(np.uint8)
+    left = np.roll(right, -20, axis=1)
+    left[10:30, 290:] = left[10:30, :80] = right[10:30, 290:] = right[10:30, :80] = level
+    found = matched(pair_of(left, right, CANDIDATES)).column_disparity
+    area = np.zeros((ROWS, COLUMNS), bool)
+    area[10:30, 290:] = area[10:30, :80] = True
+    assert np.isnan(found[area]).all()
+    assert np.mean(np.abs(found[:, 150:250] - 20) < 0.5) > 0.99
+
+
+def test_clipped_are_windows_of_one_extreme_value_around_the_turn() -> None:
+    rng = np.random.default_rng(11)
+    image = noise_image(rng, 3 * ROWS, COLUMNS * 3).reshape(ROWS, COLUMNS, 9)[..., :3].copy()
+    image[5:15, 20:29], image[5:15, 40:48], image[20:26, 20:60] = 255, 255, 0
+    image[30:, -5:], image[30:, :4], image[:9, -4:], image[:9, :4] = (0, 0, 255), (0, 0, 255), 0, 0
+    image[5:15, 100:130], image[30:, 100:130], image[30:, 150:170] = 0, 255, 254
+    image[5:15, 110:115] = 255
+    seen = np.ones(COLUMNS, bool)
+    seen[122:124] = False
+    expected = np.zeros((ROWS, COLUMNS), bool)
+    expected[5:15, 20:29] = expected[30:, -5:] = expected[30:, :4] = True
+    expected[5:15, 100:110] = expected[30:, 100:122] = True
+    panorama, _ = pair_of(image, image, CANDIDATES, left_seen=seen)
+    np.testing.assert_array_equal(exposure.clipped(panorama), expected)
+
+
+def test_a_black_and_white_pattern_is_no_clipped_area() -> None:
+    rng = np.random.default_rng(10)
+    right = 255 * (noise_image(rng, ROWS, COLUMNS) >> 7)
+    found = matched(pair_of(np.roll(right, -20, axis=1), right, CANDIDATES)).column_disparity
+    assert np.mean(np.abs(found - 20) < 0.5) > 0.99
 
 
 @pytest.mark.parametrize('columns_rolled', [1, 7, 159, -3])
