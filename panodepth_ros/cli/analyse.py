@@ -316,6 +316,11 @@ def _capture(rig: RigNumbers, arguments: argparse.Namespace) -> list[str]:
                 f'stripe is {stripe}; allowed: 1 to {widest} columns, what the image holds '
                 f'about ±{rig.offset:g} px'
             )
+        if turn % stripe:
+            raise ValueError(
+                f'stripe is {stripe}; allowed: a divisor of the {turn} columns of a turn, as '
+                'the mosaicer wants it'
+            )
     lines = [
         '',
         _row(

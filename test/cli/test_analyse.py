@@ -135,6 +135,7 @@ def test_widest_stripe_divides_the_turn(capsys):
         ('--sweep 361', 'sweep is 361°; allowed: above 0°, at most 360°'),
         ('--at 0.3', 'distance is 0.3 m; allowed: above the arm_radius of 0.3 m'),
         ('--stripe 20', 'stripe is 20; allowed: 1 to 19 columns'),
+        ('--stripe 7', 'stripe is 7; allowed: a divisor of the 1800 columns of a turn'),
         ('--motor-steps 0', 'motor-steps is 0; allowed: at least 1'),
         ('--speed -3', ' speed is -3 °/s; allowed: finite and above 0'),
         ('--frame-rate 0', 'frame_rate is 0.0 Hz; allowed: finite and above 0'),
