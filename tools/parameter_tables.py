@@ -9,7 +9,7 @@ from panodepth_ros.nodes.arm_settings import ArmDriverParameters
 from panodepth_ros.nodes.calibrator_settings import CalibratorParameters
 from panodepth_ros.nodes.camera_settings import CameraParameters
 from panodepth_ros.nodes.check_scan import CheckScanParameters
-from panodepth_ros.nodes.depth import DepthParameters
+from panodepth_ros.nodes.depth_settings import DepthParameters
 from panodepth_ros.nodes.mosaicer_settings import MosaicerParameters
 from panodepth_ros.nodes.views import ViewsParameters
 from panodepth_ros.ros.parameters import markdown_table

@@ -16,7 +16,8 @@ from std_msgs.msg import Header
 from panodepth_ros.geometry import PanoramaGeometry
 from panodepth_ros.matching import match
 from panodepth_ros.nodes import depth as depth_module
-from panodepth_ros.nodes.depth import Depth, DepthParameters
+from panodepth_ros.nodes.depth import Depth
+from panodepth_ros.nodes.depth_settings import DepthParameters
 from panodepth_ros.ros.images import to_array, to_message
 from panodepth_ros.ros.messages import panorama_info, to_stamp
 from panodepth_ros.ros.parameters import ParameterError
