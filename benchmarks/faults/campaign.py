@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
 import re
+import signal
+import sys
 import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +19,7 @@ import numpy as np
 from benchmarks.faults.faults import FAULTS, Fault
 from benchmarks.faults.graph import COLUMNS, Graph
 from benchmarks.faults.judge import WRONG_SCAN, Judge
+from benchmarks.faults.lifetime import die_with_parent
 from panodepth_ros.cli.domain import claimed_domain
 
 #: A sweep that has neither ended nor been given up after this time hangs [s].
@@ -134,8 +139,7 @@ def compresses(number: int) -> bool:
     return number % 2 == 1
 
 
-def run_graph(number: int, names: Sequence[str], seed: int, end: float) -> list[Outcome]:
-    """Run one graph through faults until a time [s, monotonic], in a process of its own."""
+def _outcomes(number: int, names: Sequence[str], seed: int, end: float) -> list[Outcome]:
     faults = {fault.name: fault for fault in FAULTS}
     rng = np.random.default_rng([seed, number])
     outcomes: list[Outcome] = []
@@ -158,3 +162,29 @@ def run_graph(number: int, names: Sequence[str], seed: int, end: float) -> list[
         finally:
             graph.close()
     return outcomes
+
+
+def start_graph(number: int, names: Sequence[str], seed: int, end: float) -> Connection:
+    """
+    Run one graph through faults until a time [s, monotonic], in a process of its own.
+
+    Its outcomes arrive together at the end; it ends with this process.
+    """
+    context = multiprocessing.get_context('spawn')
+    report, sender = context.Pipe(duplex=False)
+    context.Process(target=_run, args=(sender, number, names, seed, end), daemon=True).start()
+    sender.close()
+    return report
+
+
+def _run(report: Connection, number: int, names: Sequence[str], seed: int, end: float) -> None:
+    def leave(*_: object) -> None:
+        for each in ends:
+            signal.signal(each, signal.SIG_IGN)
+        sys.exit(1)
+
+    ends = signal.SIGINT, signal.SIGTERM
+    for each in ends:
+        signal.signal(each, leave)
+    die_with_parent(signal.SIGTERM)
+    report.send(_outcomes(number, names, seed, end))

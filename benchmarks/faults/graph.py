@@ -100,7 +100,6 @@ class Graph:
     ) -> None:
         self.folder = folder
         self.link = folder / 'arm'
-        self._parent = os.getppid()
         self.arm = FaultyArm(self.link)
         self.room_seed = seed
         self.compresses = compresses
@@ -162,7 +161,11 @@ class Graph:
         if name == 'camera':
             for topic in ('image_raw', 'camera_info'):
                 words += ['-r', f'{topic}:=source/{topic}']
-        code = f'import sys; from panodepth_ros.start import {name}; sys.exit({name}())'
+        code = (
+            f'import sys; from benchmarks.faults.lifetime import die_with_parent; '
+            f'die_with_parent({signal.SIGKILL:d}); '
+            f'from panodepth_ros.start import {name}; sys.exit({name}())'
+        )
         with (self.folder / f'{name}.log').open('ab') as log:
             self._processes[name] = subprocess.Popen(
                 [sys.executable, '-c', code, '--ros-args', *words],
@@ -188,8 +191,6 @@ class Graph:
 
     def spin(self, seconds: float = 0.02) -> None:
         """Let messages pass for a moment, and start again what has died."""
-        if os.getppid() != self._parent:
-            raise SystemExit('the campaign has ended')
         self._executor.spin_once(timeout_sec=seconds)
         for name, process in self._processes.items():
             if process.poll() is None:

@@ -20,6 +20,8 @@ from panodepth_ros.ros.messages import panorama_geometry
 #: Columns whose pixels differ from the truth by more than this, on average, are wrong [grey
 #: levels]; the sensor's noise alone makes 1.2, a frame from the neighbouring place 10 and more.
 WRONG_COLUMN = 8.0
+#: Brighter pixels may be overexposed when the light is switched, and are not compared then.
+GLARING = 200.0
 #: Scans whose median error is larger are wrong: an undisturbed one of this rig has 0.04.
 WRONG_SCAN = 0.15
 
@@ -46,8 +48,7 @@ class Judge:
         errors = []
         for x in seen:
             true = self._column(geometry, int(x))
-            factor = (picture[:, x] * true).sum() / (true**2).sum() if in_any_light else 1.0
-            errors.append(np.abs(picture[:, x] - factor * true).mean())
+            errors.append(_error(picture[:, x], true, in_any_light=in_any_light))
         return int(np.sum(np.array(errors) > WRONG_COLUMN)), geometry.columns - seen.size
 
     def _column(self, geometry: PanoramaGeometry, x: int) -> Array:
@@ -56,11 +57,14 @@ class Judge:
         azimuth = float(geometry.ray_azimuth(x)) - angle
         frame = self._frame(round(math.degrees(azimuth) * 100) % 36000).astype(np.float64)
         camera = self._camera
-        u = camera.cx - camera.fx * math.tan(angle)
+        half = math.pi / geometry.columns
+        u, right, left = (
+            camera.cx - camera.fx * math.tan(side) for side in (angle, angle - half, angle + half)
+        )
         # The slope of a row of the panorama, of the camera's pixels along this ray.
         slope = geometry.slope(np.arange(geometry.rows))
         v = camera.cy - slope * camera.fy / math.cos(angle)
-        return _sample(frame, np.full_like(v, u), v)
+        return _mean_column(frame, u, right - left, v)
 
     def scan_error(self, scan: Any, band: tuple[float, float] = (-0.15, 0.15)) -> float:
         """Median relative error of a scan's finite ranges; +inf for none."""
@@ -73,11 +77,23 @@ class Judge:
             return math.inf
 
 
-def _sample(image: Array, u: Array, v: Array) -> Array:
-    left = np.clip(np.floor(u).astype(int), 0, image.shape[1] - 2)
-    top = np.clip(np.floor(v).astype(int), 0, image.shape[0] - 2)
-    right_share, bottom_share = (u - left)[:, np.newaxis], (v - top)[:, np.newaxis]
-    upper = image[top, left] * (1 - right_share) + image[top, left + 1] * right_share
-    lower = image[top + 1, left] * (1 - right_share) + image[top + 1, left + 1] * right_share
-    sampled: Array = upper * (1 - bottom_share) + lower * bottom_share
-    return sampled
+def _error(seen: Array, true: Array, *, in_any_light: bool) -> float:
+    """Mean difference of a column's pixels, of one factor if the light may have changed."""
+    if not in_any_light:
+        return float(np.abs(seen - true).mean())
+    compared = true < GLARING
+    if not compared.any():
+        return 0.0
+    seen, true = seen[compared], true[compared]
+    factor = (seen * true).sum() / max((true**2).sum(), 1.0)
+    return float(np.abs(seen - factor * true).mean())
+
+
+def _mean_column(image: Array, middle: float, width: float, rows: Array) -> Array:
+    """Mean over a width of the image [px] around u, at rows v between which is interpolated."""
+    pixel = np.arange(image.shape[1])
+    low, high = middle - 0.5 * width, middle + 0.5 * width
+    covered = np.clip(np.minimum(high, pixel + 0.5) - np.maximum(low, pixel - 0.5), 0.0, 1.0)
+    column = np.einsum('vuc,u->vc', image, covered / covered.sum())
+    row = np.arange(image.shape[0])
+    return np.stack([np.interp(rows, row, colour) for colour in column.T], axis=-1)
