@@ -5,7 +5,7 @@ Graphs run side by side, each with a simulated arm and room, and live on from fa
 scan that is published is compared with the true room, every panorama column with what the camera
 would see from there. A person who homes the arm steps in only where the mosaicer asks for one.
 
-    python -m benchmarks.faults --injections 360 --graphs 6 --output docs/reliability.md
+    python -m benchmarks.faults --injections 360 --graphs 4 --output docs/reliability.md
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def main() -> int:
     """Run the campaign; print the table; return 1 if a scan was wrong or a sweep hung."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').split('\n\n', maxsplit=1)[0])
     parser.add_argument('--injections', type=int, default=360)
-    parser.add_argument('--graphs', type=int, default=6)
+    parser.add_argument('--graphs', type=int, default=4)
     parser.add_argument('--minutes', type=float, default=13.5, help='no injection after that')
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--only', help='faults whose names hold these words')

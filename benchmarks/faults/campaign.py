@@ -97,7 +97,7 @@ class Campaign:
             ]
         self._judge_scans(outcome, in_any_light=fault.changes_light)
         graph.restore()
-        outcome.person = self._see_to_arm()
+        outcome.person = self.see_to_arm()
         return outcome
 
     def _judge_scans(self, outcome: Outcome, *, in_any_light: bool) -> None:
@@ -121,7 +121,7 @@ class Campaign:
                 outcome.wrong += 1
                 outcome.said = f'{said}; {outcome.said}'
 
-    def _see_to_arm(self) -> bool:
+    def see_to_arm(self) -> bool:
         """Home the arm if its driver wants that, and put it where its count says, as a person."""
         graph = self._graph
         if graph.given_up:
@@ -143,11 +143,13 @@ def _outcomes(number: int, names: Sequence[str], seed: int, end: float) -> list[
     faults = {fault.name: fault for fault in FAULTS}
     rng = np.random.default_rng([seed, number])
     outcomes: list[Outcome] = []
+    judge = Judge(number)  # takes long; the simulated arm, of this process too, has to answer
     with claimed_domain() as domain, tempfile.TemporaryDirectory() as folder:
         graph = Graph(Path(folder), domain, seed=number, compresses=compresses(number))
         try:
             graph.until(lambda: 'ready' in graph.log('depth'), START)
-            campaign = Campaign(graph, Judge(number))
+            campaign = Campaign(graph, judge)
+            campaign.see_to_arm()
             for name in names:
                 if time.monotonic() > end:
                     break

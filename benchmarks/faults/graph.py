@@ -44,7 +44,7 @@ OWN: dict[str, dict[str, object]] = {
         'speed_deg_s': MAX_RATE,
         'settle_time': 0.0,
         'status_rate': 50.0,
-        'response_timeout': 0.5,
+        'response_timeout': 1.0,
     },
     'camera': {
         'source': 'simulated',
@@ -52,7 +52,7 @@ OWN: dict[str, dict[str, object]] = {
         'simulated_fov_deg': FOV_DEG,
         'image_width': WIDTH,
         'image_height': HEIGHT,
-        'framerate': 40.0,
+        'framerate': 30.0,
     },
     'mosaicer': {
         'arm_radius': ARM_RADIUS,

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks import occupancy
-from benchmarks.faults.graph import ARM_RADIUS, FOV_DEG, HEIGHT, WIDTH
+from benchmarks.faults.graph import ARM_RADIUS, BEAMS, FOV_DEG, HEIGHT, WIDTH
 from panodepth_ros.analysis.evaluation import score_scan
 from panodepth_ros.camera.simulated import Room, RoomCamera, furnished_room
 from panodepth_ros.geometry import PanoramaGeometry
@@ -24,6 +24,8 @@ WRONG_COLUMN = 8.0
 GLARING = 200.0
 #: Scans whose median error is larger are wrong: an undisturbed one of this rig has 0.04.
 WRONG_SCAN = 0.15
+#: Heights that a scan covers [m].
+_BAND = (-0.15, 0.15)
 
 Array = npt.NDArray[np.float64]
 
@@ -35,7 +37,8 @@ class Judge:
         self._room: Room = furnished_room(seed)
         self._camera = RoomCamera.from_field_of_view(WIDTH, HEIGHT, math.radians(FOV_DEG))
         self._frame = functools.lru_cache(2000)(self._render)
-        self._ranges: dict[int, Array] = {}
+        self._frame(0)
+        self._ranges = occupancy.true_ranges(self._room, _BAND, BEAMS)
 
     def _render(self, azimuth: int) -> npt.NDArray[np.uint8]:
         """Frame of an arm azimuth [0.01°]."""
@@ -66,13 +69,10 @@ class Judge:
         v = camera.cy - slope * camera.fy / math.cos(angle)
         return _mean_column(frame, u, right - left, v)
 
-    def scan_error(self, scan: Any, band: tuple[float, float] = (-0.15, 0.15)) -> float:
+    def scan_error(self, scan: Any) -> float:
         """Median relative error of a scan's finite ranges; +inf for none."""
-        ranges = np.array(scan.ranges, np.float64)
-        if ranges.size not in self._ranges:
-            self._ranges[ranges.size] = occupancy.true_ranges(self._room, band, ranges.size)
         try:
-            return score_scan(ranges, self._ranges[ranges.size]).median_error
+            return score_scan(np.array(scan.ranges, np.float64), self._ranges).median_error
         except ValueError:
             return math.inf
 
