@@ -11,13 +11,12 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
 from std_msgs.msg import Float32, Header
 from std_srvs.srv import Trigger
 
-from panodepth_ros.geometry import Panorama
 from panodepth_ros.mosaic import Assembler, ContinuousAssembler, Sweep
-from panodepth_ros.mosaic.clock import DelayCheck
 from panodepth_ros.mosaic.continuity import doubt
 from panodepth_ros.mosaic.rig import REACH_BEYOND, panorama_names
 from panodepth_ros.nodes.arm_watch import Absence, ArmWatch
 from panodepth_ros.nodes.closing import ClosureCheck
+from panodepth_ros.nodes.delay import DelayCorrection
 from panodepth_ros.nodes.keeping import SweepKeeper
 from panodepth_ros.nodes.leading import Leader
 from panodepth_ros.nodes.lighting import LightReport
@@ -39,8 +38,6 @@ from panodepth_ros.ros.messages import (
 from panodepth_ros.ros.parameters import declare_parameters
 from panodepth_ros.ros.process import run_node
 
-#: What is longer, or less certain, is not taken for a delay between clocks [s].
-LONGEST_DELAY, LARGEST_DELAY_STDDEV = 0.2, 0.005
 _NO_CAMERA = 'no camera_info received yet'
 #: How often waiting is checked against its timeouts [s].
 _WATCH_PERIOD = 0.25
@@ -64,7 +61,7 @@ class Mosaicer(Node):
         self._stamps = StampCheck(
             self, live=self._settings.lead, longest_gap=self._settings.joint_state_gap
         )
-        self._delay_check = DelayCheck()
+        self._delay = DelayCorrection(self, self._assembler)
         self._camera_fault = _NO_CAMERA
         self._reported = -1.0
         self._last_end = 'none yet'
@@ -117,7 +114,7 @@ class Mosaicer(Node):
         parameters.renew_timing(builder, self._settings)
         if not self._leading or builder.sweep is not None:
             builder.rig = parameters.rig()  # else a led sweep waits for its first frame
-        self._delay_check = DelayCheck()
+        self._delay.forget()
         self._robot.configure(parameters)
         self._settings = parameters
 
@@ -128,7 +125,7 @@ class Mosaicer(Node):
         try:
             camera = pinhole_camera(message)
             if camera != self._assembler.camera:
-                self._delay_check = DelayCheck()
+                self._delay.forget()
             self._publish(self._assembler.set_camera(camera))
         except ValueError as error:
             self._camera_fault = str(error)
@@ -226,7 +223,7 @@ class Mosaicer(Node):
         """Begin a led sweep of what comes after a joint state; describe it."""
         self._assembler.restart(newest + 1)
         self._assembler.rig = self._settings.rig()
-        self._delay_check = DelayCheck()
+        self._delay.forget()
         self._assembler.drops.clear()
         self._leading = True
         self._keep_sweep(self._assembler.track.position)
@@ -353,7 +350,7 @@ class Mosaicer(Node):
         )
 
     def _give_up(self, reason: str) -> None:
-        self._delay_check = DelayCheck()
+        self._delay.forget()
         self._robot.forget()
         self._assembler.restart((self._assembler.track.newest or 0) + 1)
         self._stop_leading()
@@ -412,7 +409,7 @@ class Mosaicer(Node):
     def _publish_panoramas(self, sweep: Sweep) -> None:
         panoramas = sweep.panoramas(lost=self._closure.lost)
         self._light.tell(sweep)
-        self._check_delay(panoramas['center'], sweep.velocity, sweep.end or 0)
+        self._delay.tell(panoramas['center'], sweep, correct=self._settings.correct_delay)
         header = Header(stamp=to_stamp(sweep.end or 0), frame_id=self._settings.frame_id)
         self._last_panoramas = []
         for name, panorama in panoramas.items():
@@ -428,25 +425,6 @@ class Mosaicer(Node):
         self._last_end = f'sweep of {sweep.seen.sum()} columns done in {duration:.1f} s'
         self.get_logger().info(self._last_end)
         self._report_drops()
-
-    def _check_delay(self, center: Panorama, velocity: float, end: int) -> None:
-        """Correct the clocks by what two sweeps to either side tell."""
-        builder = self._assembler
-        if not isinstance(builder, ContinuousAssembler):
-            return
-        found = self._delay_check.add(center, velocity, end)
-        if found is None:
-            return
-        in_use = builder.image_delay * 1e-6
-        self.get_logger().info(
-            f'image_delay_ms should be {in_use + found.delay * 1e3:.2f}, {in_use:.2f} is in use; '
-            f'standard deviation {found.stddev * 1e3:.2f}'
-        )
-        total = in_use * 1e-3 + found.delay
-        if abs(total) > LONGEST_DELAY or found.stddev > LARGEST_DELAY_STDDEV:
-            self.get_logger().warning('that is no delay of clocks: it is not corrected')
-        elif self._settings.correct_delay:
-            builder.image_delay += round(found.delay * 1e9)
 
     def _report_drops(self) -> None:
         for reason, count in sorted(self._assembler.drops.items()):

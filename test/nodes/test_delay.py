@@ -85,6 +85,6 @@ def test_sweeps_of_two_calibrations_tell_no_delay(ros, capfd):
 
 
 def test_delay_that_no_clocks_have_is_not_corrected(ros, capfd, monkeypatch):
-    monkeypatch.setattr('panodepth_ros.nodes.mosaicer.LONGEST_DELAY', LATE_MS * 1e-3 / 2)
+    monkeypatch.setattr('panodepth_ros.nodes.delay.LONGEST_DELAY', LATE_MS * 1e-3 / 2)
     assert SceneBench(ros).sweep_to_and_fro() == 0.0
     assert 'that is no delay of clocks: it is not corrected' in capfd.readouterr().err
