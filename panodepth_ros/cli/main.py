@@ -48,7 +48,8 @@ def _run(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(
         prog='panodepth_ros',
         description='Panoramic depth and laser scans from one camera on a rotating arm. '
-        'The nodes are programs of their own: arm_driver, camera, mosaicer, depth.',
+        'The nodes are programs of their own: arm_driver, camera, mosaicer, depth, views, '
+        'calibrator, check_scan.',
     )
     parser.add_argument(
         '--version', action='version', version=f'panodepth_ros {version("panodepth_ros")}'
