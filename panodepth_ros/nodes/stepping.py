@@ -170,7 +170,12 @@ class StepLeader(Leader):
 
     def _moving(self, standstill: Standstill) -> bool:
         """Whether the arm still has to answer, or to be seen standing after its step."""
-        return self._answer is not None or standstill.start <= self._after
+        if self._answer is not None or standstill.start <= self._after:
+            return True
+        # Joint states that waited while this process was held up are of before the step, and the
+        # first of them after a silence begins a standstill; the answer may overtake them.
+        turned = math.degrees(abs(standstill.azimuth - self._azimuth))
+        return not self._back and turned <= self._settings().standstill_tolerance_deg
 
     def _took_one_stripe(self, standstill: Standstill) -> bool:
         rig = self._assembler.rig

@@ -40,6 +40,27 @@ def test_live_sweep_deg_acts_on_the_next_sweep_not_on_the_one_that_runs(ros):
     assert bench.rig.steps == COLUMNS + 10
 
 
+def test_answer_that_overtakes_joint_states_after_a_silence_ends_no_sweep(ros):
+    bench = Bench(ros).ready()
+    bench.rig.answer_early_at = 5
+    bench.start()
+    leader = bench.mosaicer._leader
+    ros.spin_until(
+        lambda: (
+            bench.rig.answer_early_at is None
+            and leader._answer is None
+            and not bench.rig_is_ahead()
+        ),
+        'the answer and the late joint state',
+    )
+    assert bench.mosaicer._leading
+    bench.rig.move()
+    bench.rig.frame()
+    bench.rig.standing()
+    geometry = panorama_geometry(bench.sweeps()['left/camera_info'])
+    assert geometry.seen.all()
+
+
 class UnwindingBench(Bench):
     """Its arm has a cable: it has turned three columns before it is told to unwind."""
 
