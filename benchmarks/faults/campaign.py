@@ -11,6 +11,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -22,8 +23,9 @@ from benchmarks.faults.judge import WRONG_SCAN, Judge
 from benchmarks.faults.lifetime import die_with_parent
 from panodepth_ros.cli.domain import claimed_domain
 
-#: A sweep that has neither ended nor been given up after this time hangs [s].
-HANG = 30.0
+#: A sweep hangs that gets no column, has not ended and was not given up for this time [s], or that
+#: goes on like that for long after the fault.
+HANG, LONGEST = 30.0, 90.0
 #: Time that a graph gets to start [s]; the first one compiles the matching.
 START = 120.0
 #: An arm this far off from its count has to be put right [rad].
@@ -85,8 +87,9 @@ class Campaign:
         graph.wait(float(rng.uniform(0.0, 0.06)))
         began = time.monotonic()
         fault.disturb(graph, rng)
-        if not graph.until(lambda: graph.scans or graph.given_up, HANG):
-            outcome.ended, outcome.said = 'hang', graph.log('mosaicer')[-300:]
+        if not self._ends():
+            outcome.ended = 'hang'
+            outcome.said = f'at {graph.share:.0%}: {graph.log("mosaicer")[-300:]}'
             graph.call('mosaicer/cancel')
         outcome.took = time.monotonic() - began
         graph.wait(0.1)  # the log comes after the message
@@ -99,6 +102,20 @@ class Campaign:
         graph.restore()
         outcome.person = self.see_to_arm()
         return outcome
+
+    def _ends(self) -> bool:
+        """Whether the sweep ends in time."""
+        graph = self._graph
+        deadline = time.monotonic() + LONGEST
+        while not (graph.scans or graph.given_up):
+            heard = len(graph.progress)
+            graph.until(partial(self._goes_on, heard), HANG)
+            if time.monotonic() > deadline or not self._goes_on(heard):
+                return False
+        return True
+
+    def _goes_on(self, heard: int) -> bool:
+        return bool(self._graph.scans) or len(self._graph.progress) > heard
 
     def _judge_scans(self, outcome: Outcome, *, in_any_light: bool) -> None:
         for result in self._graph.scans:
