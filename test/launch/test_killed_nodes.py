@@ -23,7 +23,9 @@ def graph(ros_domain, tmp_path):
 
 
 def wait(graph, condition, what):
-    assert graph.until(condition, 60.0), f'{what} did not come; {graph.log("mosaicer")}'
+    came = graph.until(condition, 60.0)
+    said = '\n'.join(graph.log(name) for name in ('mosaicer', 'depth'))
+    assert came, f'{what} did not come; {said}'
 
 
 def test_sweep_survives_the_death_of_each_node(graph):
