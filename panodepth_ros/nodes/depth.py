@@ -89,7 +89,7 @@ class Depth(Node):
         self._passed_over = 0
         self._worker = Worker('matching', self._run, self._on_failure, (_SWEEP, _PARTIAL))
         self._resources.callback(self._worker.close)
-        self._latecomer = Latecomer(self)
+        self._latecomer = Latecomer(self, self._scan_publisher)
         self._sectors = Sectors(
             self,
             beams=self._settings.beams,
