@@ -104,11 +104,6 @@ class Light:
     ----------
     camera : PinholeCamera
         Of the frames, mounted.
-
-    Attributes
-    ----------
-    frames : int
-        How many frames were taken.
     """
 
     def __init__(self, camera: PinholeCamera) -> None:
@@ -118,7 +113,6 @@ class Light:
         self._last: Image | None = None
         self._azimuths: list[float] = []
         self._ratios: list[Floats] = []
-        self.frames = 0
         self._changes: list[Change] = []
 
     def take(self, image: Image, arm_azimuth: float) -> None:
@@ -136,7 +130,11 @@ class Light:
                 self._note_change(both, np.exp(ratio), arm_azimuth)
         self._last = small
         self._azimuths.append(arm_azimuth)
-        self.frames += 1
+
+    @property
+    def frames(self) -> int:
+        """How many frames were taken."""
+        return len(self._azimuths)
 
     def steps(self, turn: float = math.nan) -> tuple[Floats, list[Change]]:
         """
@@ -249,7 +247,7 @@ class Light:
         ):
             raise ValueError('its light is not that of such a sweep')
         light._first, light._last, light._azimuths = first, last, azimuths.tolist()
-        light._ratios, light.frames = list(ratios), len(ratios) + 1
+        light._ratios = list(ratios)
         light._changes = [(float(at), float(low), float(high)) for at, low, high in changes]
         return light
 

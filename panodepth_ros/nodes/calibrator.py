@@ -40,7 +40,7 @@ _TURNS = 2
 
 
 class Calibrator(Node):
-    """Calibrates the camera by a sweep of its own. Topics and parameters: README."""
+    """Calibrates the camera by a sweep of its own. Topics and parameters: docs/nodes.md."""
 
     def __init__(self, **node_args: Any) -> None:
         # First: the context may destroy a half-built node.

@@ -18,19 +18,15 @@ NO_COMMANDS = (
     'stripe_columns:',  # parameters
     'β(x) =',  # a formula
 )
+#: The package's executables.
+OURS = (
+    *('panodepth_ros', 'arm_driver', 'camera', 'mosaicer', 'depth', 'calibrator', 'check_scan'),
+    *('views', 'simulated_arm'),
+)
 #: Words that begin a command in the middle of a sentence.
 PROGRAMS = (
-    *(
-        'panodepth_ros',
-        'arm_driver',
-        'camera',
-        'mosaicer',
-        'depth',
-        'calibrator',
-        'check_scan',
-        'views',
-    ),
-    *('simulated_arm', 'ros2', 'make', 'python', 'pip', 'colcon', 'rosdep', 'apt-get'),
+    *OURS,
+    *('ros2', 'make', 'python', 'pip', 'colcon', 'rosdep', 'apt-get'),
     *('.ci/run', '.venv/jazzy/bin/python', 'v4l2-ctl', 'git', 'rviz2'),
 )
 

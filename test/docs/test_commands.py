@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from documents import DOCUMENTS, ROOT, commands
+from documents import DOCUMENTS, OURS, ROOT, commands
 
 from panodepth_ros.cli.main import COMMANDS
 
@@ -262,18 +262,5 @@ CHECKS = {
     'pip': _pip,
     'python': _python,
     '.venv/jazzy/bin/python': _python,
-    **dict.fromkeys(
-        (
-            'panodepth_ros',
-            'arm_driver',
-            'camera',
-            'mosaicer',
-            'depth',
-            'calibrator',
-            'check_scan',
-            'views',
-        ),
-        _ours,
-    ),
-    'simulated_arm': _ours,
+    **dict.fromkeys(OURS, _ours),
 }
