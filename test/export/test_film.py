@@ -52,3 +52,24 @@ def test_film_is_small_and_grows(tmp_path):
             red.append(int((picture[..., 0] - picture[..., 2] > 100).sum()))
     assert red[0] < 0.1 * red[2]
     assert 0.3 * red[2] < red[1] < 0.7 * red[2]
+
+
+def red_columns(path, **sweep):
+    """Columns of the last picture that show beams, as shares of its width."""
+    image = pytest.importorskip('PIL.Image')
+    azimuth = -math.pi + np.arange(360) * math.radians(1.0)
+    ranges = np.where(np.abs(azimuth - math.pi / 2) < 1.0, 1.9, math.nan)
+    save_film(ranges, path, arm_radius=RADIUS, principal_angle=PHI, duration=10.0, **sweep)
+    with image.open(path) as film:
+        film.seek(film.n_frames - 1)
+        picture = np.asarray(film.convert('RGB')).astype(int)
+    return np.flatnonzero(np.any(picture[..., 0] - picture[..., 2] > 100, axis=0)) / len(picture)
+
+
+def test_what_is_to_the_left_is_shown_left(tmp_path):
+    assert red_columns(tmp_path / 'film.gif', begin=0.0, end=2 * math.pi).max() < 0.5
+
+
+def test_last_picture_holds_beams_that_the_last_frames_stripe_has_seen(tmp_path):
+    # Both eyes have seen the last of these beams only after the arm's last azimuth.
+    assert red_columns(tmp_path / 'film.gif', begin=0.0, end=0.1).size > 0

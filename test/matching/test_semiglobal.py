@@ -203,6 +203,7 @@ def test_clipped_are_windows_of_one_extreme_value_around_the_turn() -> None:
     image[30:, -5:], image[30:, :4], image[:9, -4:], image[:9, :4] = (0, 0, 255), (0, 0, 255), 0, 0
     image[5:15, 100:130], image[30:, 100:130], image[30:, 150:170] = 0, 255, 254
     image[5:15, 110:115] = 255
+    image[20:36, 70:90, 2] = 255  # one channel tells nothing, the others do
     seen = np.ones(COLUMNS, bool)
     seen[122:124] = False
     expected = np.zeros((ROWS, COLUMNS), bool)
