@@ -10,8 +10,15 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from panodepth_ros.camera.simulated import Room, RoomCamera, furnished_room, truth_panorama
+from panodepth_ros.camera.simulated import (
+    Room,
+    RoomCamera,
+    furnished_room,
+    hits,
+    truth_panorama,
+)
 from panodepth_ros.camera.simulated.furnished import CLEARANCE
+from panodepth_ros.camera.simulated.patterns import noise
 from panodepth_ros.camera.simulated.solids import (
     Box,
     Material,
@@ -20,6 +27,7 @@ from panodepth_ros.camera.simulated.solids import (
     cone,
     cylinder,
     ellipsoid,
+    pack,
     placed,
 )
 from panodepth_ros.camera.simulated.textures import NAMES, Textures, make_textures
@@ -108,6 +116,35 @@ def test_the_nearest_of_several_solids_is_hit(textures: Textures) -> None:
     room = room_of(textures, box(3.0, 0.0, 0.2, 4.0), cylinder(1.5, 0.0, 0.1, -1.0, 1.0, PAINT))
     distances = room.cast((0.0, 0.0, 0.0), [(1.0, 0.0, 0.0), (1.0, 0.5, 0.0), (-1.0, 0.0, 0.0)])
     np.testing.assert_allclose(distances, [1.4, 2.9, np.inf], atol=1e-12)
+
+
+def test_openness_is_the_mean_of_what_rays_over_all_solids_tell(
+    textures: Textures, furnished: Room
+) -> None:
+    geometry, _ = pack(list(furnished.solids), textures)
+    rng = np.random.default_rng(3)
+    points = rng.uniform((-2.5, -3.0, -0.9), (2.5, 3.0, 1.8), (1500, 3))
+    points = points[~np.any([inside(solid, points) for solid in furnished.solids], axis=0)]
+    sides = rng.normal(size=(14, 3))
+    sides /= np.linalg.norm(sides, axis=1, keepdims=True)
+    shares = np.empty(len(points))
+    hits.openness(geometry, points, sides, 0.6, shares)
+
+    paths = np.stack([np.minimum(furnished.cast(points, side), 0.6) for side in sides])
+    np.testing.assert_allclose(shares, paths.mean(axis=0) / 0.6, atol=1e-12)
+    assert 0.1 < np.mean(shares > 0.999) < 0.9
+
+
+def test_noise_has_its_band_and_no_more() -> None:
+    spectrum = np.abs(np.fft.fft2(noise(np.random.default_rng(4), 128, 40.0, 5.0)))
+    f = np.hypot(np.fft.fftfreq(128)[:, None], np.fft.fftfreq(128))
+    within = (f >= 1 / 40) & (f <= 1 / 5)
+    assert spectrum[~within].max() < 1e-3 * np.median(spectrum[within])
+    rings = [
+        np.mean(spectrum[(f > low) & (f < low + 0.03)] ** 2) ** 0.5 for low in (0.04, 0.08, 0.16)
+    ]
+    middles = np.array((0.055, 0.095, 0.175))
+    np.testing.assert_allclose(rings / rings[0], middles[0] / middles, rtol=0.15)
 
 
 @pytest.mark.parametrize('gamma', [0.0, 0.7, -2.0])

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from panodepth_ros.camera.simulated.kernels import kernel
 from panodepth_ros.camera.simulated.solids import BOX
 
@@ -108,6 +110,22 @@ def hit_turned(shape, k, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def
 
 
 @kernel
+def _first(kind, shape, chosen, ox, oy, oz, dx, dy, dz, reach):  # type: ignore[no-untyped-def]
+    """First t of a ray that looks at some of the solids, at most ``reach``."""
+    best = reach
+    for k in chosen:
+        first, last, side = interval(kind, shape, k, ox, oy, dx, dy)
+        if first > last or last < 0.0 or first > best:
+            continue
+        if kind[k] == BOX:
+            t, _ = hit_box(shape, k, first, last, side, oz, dz)
+        else:
+            t, _ = hit_turned(shape, k, ox, oy, oz, dx, dy, dz)
+        best = min(best, t)
+    return best
+
+
+@kernel
 def cast(geometry, origins, directions, distances):  # type: ignore[no-untyped-def]
     """
     First t of every ray.
@@ -122,20 +140,52 @@ def cast(geometry, origins, directions, distances):  # type: ignore[no-untyped-d
         Receives t, +inf where a ray meets nothing.
     """
     kind, shape = geometry.kind, geometry.shape
+    everything = np.arange(len(kind))
     for i in range(len(distances)):
         ox, oy, oz = origins[i, 0], origins[i, 1], origins[i, 2]
         dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
-        best = math.inf
+        distances[i] = _first(kind, shape, everything, ox, oy, oz, dx, dy, dz, math.inf)
+
+
+@kernel
+def openness(geometry, points, sides, reach, shares):  # type: ignore[no-untyped-def]
+    """
+    How open the surroundings of points are: their mean free path to several sides.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The solids.
+    points : ndarray of float64, shape (M, 3)
+        Points outside of all solids [m].
+    sides : ndarray of float64, shape (N, 3)
+        Directions of length 1.
+    reach : float
+        Where a path is cut off [m].
+    shares : ndarray of float64, shape (M,)
+        Receives the mean free path as a share of the reach, 0 to 1.
+    """
+    kind, shape = geometry.kind, geometry.shape
+    near = np.empty(len(kind), np.int64)
+    for i in range(len(shares)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        count = 0
         for k in range(len(kind)):
-            first, last, side = interval(kind, shape, k, ox, oy, dx, dy)
-            if first > last or last < 0.0 or first > best:
-                continue
+            radius = shape[k, 7] + reach
             if kind[k] == BOX:
-                t, _ = hit_box(shape, k, first, last, side, oz, dz)
-            else:
-                t, _ = hit_turned(shape, k, ox, oy, oz, dx, dy, dz)
-            best = min(best, t)
-        distances[i] = best
+                radius = math.sqrt(shape[k, 6] ** 2 + shape[k, 7] ** 2) + reach
+            if (
+                shape[k, 2] < z + reach
+                and shape[k, 3] > z - reach
+                and (shape[k, 0] - x) ** 2 + (shape[k, 1] - y) ** 2 < radius * radius
+            ):
+                near[count] = k
+                count += 1
+        shares[i] = 0.0
+        for side in range(len(sides)):
+            dx, dy, dz = sides[side, 0], sides[side, 1], sides[side, 2]
+            free = _first(kind, shape, near[:count], x, y, z, dx, dy, dz, reach)
+            shares[i] += free / reach / len(sides)
 
 
 @kernel

@@ -35,11 +35,13 @@ def noise(rng: Generator, size: int, longest: float, shortest: float, slope: flo
     """
     fy = np.fft.fftfreq(size)[:, None]
     fx = np.fft.rfftfreq(size)[None, :]
+    fx = fx[fx <= 1.0 / shortest][None, :]  # nothing of the band lies beyond
     f = np.hypot(fx, fy)
     f[0, 0] = np.inf
     weight = f**-slope * (f >= 1.0 / longest) * (f <= 1.0 / shortest)
-    spectrum = np.fft.rfft2(rng.standard_normal((size, size))) * weight
-    plane = np.fft.irfft2(spectrum, s=(size, size))
+    rows = np.fft.rfft(rng.standard_normal((size, size)), axis=1)[:, : fx.size]
+    spectrum = np.fft.fft(rows, axis=0) * weight
+    plane = np.fft.irfft(np.fft.ifft(spectrum, axis=0), size, axis=1)
     scaled: Plane = (plane / plane.std()).astype(np.float32)
     return scaled
 

@@ -205,10 +205,10 @@ class Room:
         free = points[~blocked]
         sides = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
         sides = [side for side in sides if sum(map(abs, side)) in (1, 3)]
-        for side in sides:
-            unit = np.array(side) / math.sqrt(sum(map(abs, side)))
-            path = np.minimum(self.cast(free, unit), _REACH) / _REACH
-            grid[~blocked, 0] += path / len(sides)
+        units = np.array(sides) / np.linalg.norm(sides, axis=1, keepdims=True)
+        shares = np.empty(len(free))
+        hits.openness(self._geometry, free, units, _REACH, shares)
+        grid[~blocked, 0] = shares
         for k, lamp in enumerate(lamps):
             # A lamp may hang in its own solid: the last decimetre does not count.
             towards = lamp[:3] - free
