@@ -13,30 +13,12 @@ import numpy.typing as npt
 from panodepth_ros.geometry import Panorama, PanoramaGeometry, PinholeCamera
 from panodepth_ros.mosaic.closure import Seam, redistributed
 from panodepth_ros.mosaic.light import Change, Light
-from panodepth_ros.mosaic.lookup import ColumnLookup, focal_length, snapped, visible_rows
+from panodepth_ros.mosaic.lookup import snapped, visible_rows
 from panodepth_ros.mosaic.rig import Rig, panorama_names
+from panodepth_ros.mosaic.view import View, check_stripes, checked, widest_deviation
 
-#: A pixel reaches half a pixel beyond its centre.
-_HALF_PIXEL = 0.5 + 1e-6
 #: Frames so close to a column's place have met it [columns].
 _SAME_PLACE = 1e-6
-
-
-class _View:
-    """One of the panoramas under construction."""
-
-    def __init__(
-        self, camera: PinholeCamera, offset_px: float, rows: tuple[int, int], columns: int
-    ) -> None:
-        first_row, self.rows = rows
-        self.principal_angle = camera.ray_angle(offset_px)
-        self.focal_length_px = focal_length(camera, offset_px)
-        self.principal_row = camera.cy - first_row
-        rows_down = np.arange(self.rows, dtype=np.float64)
-        slope = (self.principal_row - rows_down) / self.focal_length_px
-        self.lookup = ColumnLookup(camera, slope, 2 * math.pi / columns)
-        self.ray_angle = np.full(columns, np.nan)
-        self.image: npt.NDArray[np.uint8] | None = None
 
 
 class Sweep:
@@ -74,12 +56,12 @@ class Sweep:
         # Right of the image centre is what the left eye sees.
         pairs = (rig.column_offset, *rig.further_offsets)
         offsets = (*(side * offset for offset in pairs for side in (1, -1)), 0.0)
-        rows = visible_rows(camera, offsets, _widest(rig, camera, offsets))
+        rows = visible_rows(camera, offsets, widest_deviation(rig, camera, offsets))
         self._offsets = offsets
-        _check_stripes(rig, camera, offsets)
+        check_stripes(rig, camera, offsets)
         names = panorama_names(len(rig.further_offsets))
         self._views = {
-            name: _View(camera, offset, rows, rig.columns)
+            name: View(camera, offset, rows, rig.columns)
             for name, offset in zip(names, offsets, strict=True)
         }
         self._deviation = np.full(rig.columns, np.inf)
@@ -207,7 +189,7 @@ class Sweep:
             )
         rig = self.rig
         if row_turn:
-            _check_stripes(rig, self.camera, self._offsets, row_turn)
+            check_stripes(rig, self.camera, self._offsets, row_turn)
         if rig.sweep_steps > rig.sweep_frames and self.columns_left(arm_azimuth) <= 0:
             self._count(stamp, image, arm_azimuth)
             return 0
@@ -246,11 +228,7 @@ class Sweep:
             samples[name] = (angle, column)
         for name, (angle, column) in samples.items():
             view = self._views[name]
-            if view.image is None:
-                shape = (view.rows, self.rig.columns, *image.shape[2:])
-                view.image = np.zeros(shape, np.uint8)
-            view.image[:, x] = column
-            view.ray_angle[x] = angle
+            view.fill(x, angle, column)
         self._deviation[x] = abs(deviation)
         self._frame[x] = self.light.frames if self.light is not None else 0
         return True
@@ -291,22 +269,7 @@ class Sweep:
                 image[:, order], ray_angle[order] = redistributed(
                     image[:, order], ray_angle[order], lost / self.rig.column_step
                 )
-            azimuth_column = (
-                self.rig.columns / 2
-                + (self._reference + view.principal_angle) / self.rig.column_step
-            )
-            geometry = PanoramaGeometry(
-                columns=self.rig.columns,
-                rows=view.rows,
-                azimuth_column=azimuth_column,
-                focal_length_px=view.focal_length_px,
-                principal_row=view.principal_row,
-                arm_radius=self.rig.arm_radius,
-                principal_angle=view.principal_angle,
-                sweep_duration=duration,
-                ray_angle=ray_angle,
-                stripe_distance=self.rig.stripe_distance,
-            )
+            geometry = view.geometry(self.rig, self._reference, duration, ray_angle)
             if changes:
                 changed = self._changed(geometry, changes)
                 image[:, changed] = 0
@@ -354,9 +317,7 @@ class Sweep:
             'frame': self._frame.copy(),
         }
         for name, view in self._views.items():
-            assert view.image is not None
-            arrays[f'{name}.image'] = view.image.copy()
-            arrays[f'{name}.ray_angle'] = view.ray_angle.copy()
+            arrays |= view.arrays(name)
         return arrays
 
     @classmethod
@@ -371,11 +332,11 @@ class Sweep:
         ValueError
             If they are not those of a sweep of this rig and camera.
         """
-        azimuths = _checked(arrays, 'azimuths', (2,), np.float64)
+        azimuths = checked(arrays, 'azimuths', (2,), np.float64)
         sweep = cls(rig, camera, float(azimuths[0]))
         sweep._last_azimuth = float(azimuths[1])
-        sweep.start, sweep.end = map(int, _checked(arrays, 'moments', (2,), np.int64))
-        deviation = _checked(arrays, 'deviation', (rig.columns,), np.float64)
+        sweep.start, sweep.end = map(int, checked(arrays, 'moments', (2,), np.int64))
+        deviation = checked(arrays, 'deviation', (rig.columns,), np.float64)
         seen = np.isfinite(deviation)
         reach = rig.reach * rig.column_step
         if not np.isfinite(azimuths).all() or not (np.abs(deviation[seen]) <= reach).all():
@@ -385,18 +346,12 @@ class Sweep:
             sweep.seam = Seam.restored(arrays, (sweep.camera.height, sweep.camera.width))
         if sweep.light is not None:
             sweep.light = Light.restored(sweep.camera, arrays)
-            frame = _checked(arrays, 'frame', (rig.columns,), np.int64)
+            frame = checked(arrays, 'frame', (rig.columns,), np.int64)
             if not ((frame >= 0) & (frame < max(1, sweep.light.frames))).all():
                 raise ValueError('its columns are of frames that it does not have')
             sweep._frame = frame
         for name, view in sweep._views.items():
-            image = arrays.get(f'{name}.image', np.empty(0))
-            colours = image.shape[2:]
-            shape = (view.rows, rig.columns, *((3,) if colours else ()))
-            view.image = _checked(arrays, f'{name}.image', shape, np.uint8)
-            view.ray_angle = _checked(arrays, f'{name}.ray_angle', (rig.columns,), np.float64)
-            if not np.array_equal(np.isfinite(view.ray_angle), seen):
-                raise ValueError(f'{name} has other columns than the sweep')
+            view.take_up(name, arrays, seen)
         return sweep
 
     def missing_sectors(self) -> list[tuple[float, float]]:
@@ -418,43 +373,3 @@ class Sweep:
             )
             for run in runs
         ]
-
-
-def _checked(
-    arrays: Mapping[str, npt.NDArray[Any]], name: str, shape: tuple[int, ...], kind: type
-) -> npt.NDArray[Any]:
-    """Return an array of a state if it is what it should be."""
-    array = arrays.get(name)
-    if array is None or array.shape != shape or array.dtype != kind:
-        found = 'nothing' if array is None else f'{array.dtype} {array.shape}'
-        raise ValueError(f'{name} is {found}; allowed: {np.dtype(kind)} {shape}')
-    return np.array(array)
-
-
-def _widest(rig: Rig, camera: PinholeCamera, offsets_px: tuple[float, ...]) -> float:
-    """Return the largest deviation of a ray from its principal angle [rad]."""
-    reach = rig.reach * rig.column_step
-    middles = [camera.ray_angle(offset) for offset in offsets_px]
-    return max(
-        abs(rig.ray_angle(middle, side * reach) - middle) for middle in middles for side in (1, -1)
-    )
-
-
-def _check_stripes(
-    rig: Rig, camera: PinholeCamera, offsets_px: tuple[float, ...], row_turn: float = 0.0
-) -> None:
-    """Refuse stripes that reach over the image's side, also by a rolling shutter's shear."""
-    half = (rig.stripe_columns - 1) / 2 * rig.column_step
-    shear = 0.5 * (camera.height - 1) * abs(row_turn)
-    for offset in offsets_px:
-        middle = camera.ray_angle(offset)
-        angles = [rig.ray_angle(middle, side * half) + side * shear for side in (1, 0, -1)]
-        u, _ = camera.project(angles, [math.tan(camera.mounting.tilt)])
-        if not (u >= -_HALF_PIXEL).all() or not (u <= camera.width - 1 + _HALF_PIXEL).all():
-            rolling = f', with {math.degrees(shear):.1f}° of turn within half a frame, reaches'
-            digits = 0 if shear else 1  # the speed of an arm varies, the sentence should not
-            raise ValueError(
-                f'the stripe of {rig.stripe_columns} columns around {offset:+g} px from the '
-                f'principal point{rolling if shear else " reaches"} from u = {u[0]:.{digits}f} to '
-                f'{u[2]:.{digits}f}, over the side of the image; allowed: 0 to {camera.width - 1}'
-            )
