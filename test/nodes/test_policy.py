@@ -23,7 +23,7 @@ KINDS = {
     ('services', 'reply'): 'get_service_names_and_types_by_node',
     ('services', 'request'): 'get_client_names_and_types_by_node',
 }
-#: Each node in all the ways that differ in what it uses.
+#: Each node in all the ways that differ in what it uses; in each it may take its time from /clock.
 WAYS = {
     'arm_driver': [{}],
     'camera': [{}],
@@ -80,7 +80,7 @@ def used(ros, tmp_path):
     try:
         for name, ways in WAYS.items():
             for way in ways:
-                values = {**own.get(name, {}), **way}
+                values = {'use_sim_time': True, **own.get(name, {}), **way}
                 node = made[name](
                     context=ros.context,
                     parameter_overrides=[Parameter(key, value=v) for key, v in values.items()],
