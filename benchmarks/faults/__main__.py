@@ -23,6 +23,8 @@ from benchmarks.faults.campaign import Outcome, compresses, start_graph
 from benchmarks.faults.faults import FAULTS
 from benchmarks.faults.graph import COLUMNS
 from benchmarks.faults.judge import GLARING, WRONG_COLUMN, WRONG_SCAN
+from panodepth_ros.matching import prepare
+from panodepth_ros.nodes.depth_settings import DepthParameters
 
 #: More rounds of all faults than a graph ever gets through.
 _ROUNDS = 50
@@ -71,6 +73,7 @@ def main() -> int:
     parser.add_argument('--only', help='faults whose names hold these words')
     parser.add_argument('--output', type=Path, help='document whose table is replaced')
     given = parser.parse_args()
+    prepare(DepthParameters().method)  # compiled once, not by every graph at once
     rng = np.random.default_rng(given.seed)
     plans = [plan(number, given.only or '', rng) for number in range(given.graphs)]
     share = -(-given.injections // given.graphs)

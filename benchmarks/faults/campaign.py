@@ -162,7 +162,7 @@ def _outcomes(number: int, names: Sequence[str], seed: int, end: float) -> list[
     outcomes: list[Outcome] = []
     judge = Judge(number)  # takes long; the simulated arm, of this process too, has to answer
     with claimed_domain() as domain, tempfile.TemporaryDirectory() as folder:
-        graph = Graph(Path(folder), domain, seed=number, compresses=compresses(number))
+        graph = Graph(Path(folder), domain, judge.look, seed=number, compresses=compresses(number))
         try:
             graph.until(lambda: 'ready' in graph.log('depth'), START)
             campaign = Campaign(graph, judge)

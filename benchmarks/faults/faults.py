@@ -66,6 +66,12 @@ def _unplug(graph: Graph, rng: np.random.Generator) -> None:
     graph.arm = FaultyArm(graph.link)
 
 
+def _unplug_camera(graph: Graph, rng: np.random.Generator) -> None:
+    graph.camera.unplug()
+    graph.wait(float(rng.uniform(0.1, 3.0)))
+    graph.camera.plug_in()
+
+
 def _alarm(graph: Graph, _: np.random.Generator) -> None:
     graph.arm.do(lambda controller, now: controller.raise_alarm(1, now))
 
@@ -247,6 +253,7 @@ FAULTS = (
         for name in ('arm_driver', 'camera', 'mosaicer', 'depth')
     ),
     Fault('arm unplugged', _unplug),
+    Fault('camera unplugged', _unplug_camera),
     Fault('limit alarm', _alarm),
     Fault('controller reboots', _reboot),
     Fault('garbled serial line', _spoil_line(_garble)),

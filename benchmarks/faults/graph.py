@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
+import numpy.typing as npt
 import rclpy
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import SetParameters
@@ -25,6 +27,9 @@ from std_msgs.msg import Float32
 from std_srvs.srv import Trigger
 
 from benchmarks.faults.arm import MAX_RATE, FaultyArm
+from benchmarks.faults.camera import FaultyCamera
+from panodepth_ros.arm.truth import truth_path
+from panodepth_ros.camera.simulated import RoomCamera
 from panodepth_ros.ros import qos
 from panodepth_ros.ros.images import to_bgr_or_mono
 
@@ -46,14 +51,7 @@ OWN: dict[str, dict[str, object]] = {
         'status_rate': 50.0,
         'response_timeout': 1.0,
     },
-    'camera': {
-        'source': 'simulated',
-        'simulated_arm_radius': ARM_RADIUS,
-        'simulated_fov_deg': FOV_DEG,
-        'image_width': WIDTH,
-        'image_height': HEIGHT,
-        'framerate': 30.0,
-    },
+    'camera': {},
     'mosaicer': {
         'arm_radius': ARM_RADIUS,
         'column_offset_px': COLUMN_OFFSET,
@@ -79,9 +77,9 @@ class Graph:
     """
     Arm, four nodes and a client of theirs, in a domain of their own.
 
-    The camera's frames pass through this process (:attr:`spoil_frame`, :attr:`spoil_info` and,
-    of a graph that compresses them, :attr:`spoil_file`), the bytes of the controller, too
-    (:class:`FaultyArm`).
+    The camera's frames pass through this process (:class:`FaultyCamera`, :attr:`spoil_frame`,
+    :attr:`spoil_info` and, of a graph that compresses them, :attr:`spoil_file`), the bytes of the
+    controller, too (:class:`FaultyArm`).
 
     Parameters
     ----------
@@ -89,19 +87,28 @@ class Graph:
         For links, logs and states.
     domain : int
         ROS domain.
+    look : callable
+        What the camera sees from an arm azimuth [rad], shape (H, W, 3).
     seed : int
-        Of the simulated room.
+        Of the camera's noise.
     compresses : bool
         Whether the mosaicer is given the frames as PNG files.
     """
 
     def __init__(
-        self, folder: Path, domain: int, seed: int = 0, *, compresses: bool = False
+        self,
+        folder: Path,
+        domain: int,
+        look: Callable[[float], npt.NDArray[np.uint8]],
+        seed: int = 0,
+        *,
+        compresses: bool = False,
     ) -> None:
         self.folder = folder
         self.link = folder / 'arm'
         self.arm = FaultyArm(self.link)
-        self.room_seed = seed
+        lens = RoomCamera.from_field_of_view(WIDTH, HEIGHT, math.radians(FOV_DEG))
+        self.camera = FaultyCamera(folder, lens, look, truth_path(self.link), seed)
         self.compresses = compresses
         self.results: dict[int, dict[str, Any]] = {}
         self.progress: list[float] = []
@@ -153,7 +160,7 @@ class Graph:
         if name == 'arm_driver':
             own['port'] = self.link
         elif name == 'camera':
-            own |= {'simulated_arm_truth': f'{self.link}.truth', 'room_seed': self.room_seed}
+            own |= self.camera.parameters
         elif name == 'mosaicer':
             own['state_file'] = self.folder / 'sweep.npz'
             own['image_transport'] = 'compressed' if self.compresses else 'raw'
@@ -169,7 +176,7 @@ class Graph:
         with (self.folder / f'{name}.log').open('ab') as log:
             self._processes[name] = subprocess.Popen(
                 [sys.executable, '-c', code, '--ros-args', *words],
-                env=self._environment,
+                env=self._environment | (self.camera.environment if name == 'camera' else {}),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -226,6 +233,7 @@ class Graph:
                 process.kill()
                 process.wait()
         self.arm.unplug()
+        self.camera.close()
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown(context=self._context)
@@ -244,7 +252,7 @@ class Graph:
         infos = self.node.create_publisher(CameraInfo, 'camera_info', qos.IMAGES)
 
         def on_image(message: Image) -> None:
-            for image in self.spoil_frame(message):
+            for image in self.spoil_frame(message) if self.camera.expose(message) else []:
                 if self.compresses:
                     data = cv2.imencode('.png', to_bgr_or_mono(image))[1].tobytes()
                     files.publish(

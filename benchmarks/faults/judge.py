@@ -44,6 +44,10 @@ class Judge:
         """Frame of an arm azimuth [0.01°]."""
         return self._room.render(math.radians(azimuth / 100), self._camera, ARM_RADIUS)
 
+    def look(self, arm_azimuth: float) -> npt.NDArray[np.uint8]:
+        """What the camera sees from an arm azimuth [rad], without noise, shape (H, W, 3)."""
+        return self._frame(round(math.degrees(arm_azimuth) * 100) % 36000)
+
     def wrong_columns(self, image: Any, info: Any, *, in_any_light: bool) -> tuple[int, int]:
         """Return how many columns of a panorama are untrue, and how many unknown."""
         picture, geometry = to_array(image).astype(np.float64), panorama_geometry(info)
@@ -58,7 +62,7 @@ class Judge:
         """What the camera sees in a column, shape (H, 3)."""
         angle = float(geometry.ray_angle[x])
         azimuth = float(geometry.ray_azimuth(x)) - angle
-        frame = self._frame(round(math.degrees(azimuth) * 100) % 36000).astype(np.float64)
+        frame = self.look(azimuth).astype(np.float64)
         camera = self._camera
         half = math.pi / geometry.columns
         u, right, left = (
