@@ -172,12 +172,13 @@ def kinds(folder: Path) -> list[Kind]:
         ),
         Kind('state files', 0.02, partial(files.check_state, folder), (state,)),
     ]
-    for name in ('about.npy', 'azimuths.npy', 'left.image.npy'):
+    for number, name in enumerate(('first', 'second', 'third')):
 
-        def check(data: bytes, name: str = name) -> None:
-            files.check_state(folder, files.with_member(state, name, data))
+        def check(data: bytes, number: int = number) -> None:
+            files.check_state(folder, files.with_record(state, number, data))
 
-        made.append(Kind(f'{name} in state files', 0.01, check, (files.member(state, name),)))
+        seed = files.records(state)[number][1]
+        made.append(Kind(f'{name} record of state files', 0.01, check, (seed,)))
     for storage, suffix in (('mcap', '.mcap'), ('sqlite3', '.db3')):
         check_bag = partial(files.check_bag, folder / f'fuzzed{suffix}')
         made.append(Kind(f'bags, {storage}', 0.01, check_bag, (files.bag(folder, storage),)))

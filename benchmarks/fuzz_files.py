@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
+import zlib
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,7 +20,7 @@ from panodepth_ros.camera.calibration import (
 )
 from panodepth_ros.geometry import PinholeCamera
 from panodepth_ros.mosaic import Rig, Sweep
-from panodepth_ros.mosaic.state import load_state, save_state
+from panodepth_ros.mosaic.state import HEADER, MAGIC, SweepJournal, load_state
 from panodepth_ros.ros.images import decompressed
 
 CAMERA = PinholeCamera(width=21, height=9, fx=30.0, fy=30.0, cx=10.0, cy=4.0)
@@ -44,34 +43,36 @@ def check_calibration(folder: Path, data: bytes) -> None:
 
 def state(folder: Path) -> bytes:
     """Return the file of a sweep under way."""
-    sweep = Sweep(RIG, CAMERA, 0.0)
+    sweep, journal = Sweep(RIG, CAMERA, 0.0), SweepJournal(folder / 'seed.state')
     for k in range(3):
         sweep.add(1000 + k, np.full((9, 21), k, np.uint8), k * RIG.column_step)
-    save_state(folder / 'seed.npz', sweep, 0.1, ('a driver',))
-    return (folder / 'seed.npz').read_bytes()
+        journal.write(sweep, 0.1, ('a driver',))
+    return (folder / 'seed.state').read_bytes()
 
 
-def member(whole: bytes, name: str) -> bytes:
-    """Return one array of a state as it is stored."""
-    with zipfile.ZipFile(io.BytesIO(whole)) as archive:
-        return archive.read(name)
+def records(whole: bytes) -> list[tuple[int, bytes]]:
+    """Return the records of a state: how long the text of each is, text and arrays."""
+    found, at = [], len(MAGIC)
+    while at < len(whole):
+        length, text, _ = HEADER.unpack_from(whole, at)
+        at += HEADER.size
+        found.append((text, whole[at : at + length]))
+        at += length
+    return found
 
 
-def with_member(whole: bytes, name: str, data: bytes) -> bytes:
-    """Return a state with other bytes in one array, and the checksums that they ask for."""
-    buffer = io.BytesIO()
-    with (
-        zipfile.ZipFile(io.BytesIO(whole)) as archive,
-        zipfile.ZipFile(buffer, 'w') as changed,
-    ):
-        for other in archive.namelist():
-            changed.writestr(other, data if other == name else archive.read(other))
-    return buffer.getvalue()
+def with_record(whole: bytes, number: int, data: bytes) -> bytes:
+    """Return a state with other bytes in one record, and the checksum that they ask for."""
+    made = MAGIC
+    for k, (text, body) in enumerate(records(whole)):
+        fresh = data if k == number else body
+        made += HEADER.pack(len(fresh), text, zlib.crc32(fresh)) + fresh
+    return made
 
 
 def check_state(folder: Path, data: bytes) -> None:
     """Take up the sweep of a file of some bytes."""
-    file = folder / 'sweep.npz'
+    file = folder / 'sweep.state'
     file.write_bytes(data)
     with suppress(ValueError, OSError):
         loaded = load_state(file, RIG, CAMERA)

@@ -162,7 +162,7 @@ class Graph:
         elif name == 'camera':
             own |= self.camera.parameters
         elif name == 'mosaicer':
-            own['state_file'] = self.folder / 'sweep.npz'
+            own['state_file'] = self.folder / 'sweep'
             own['image_transport'] = 'compressed' if self.compresses else 'raw'
         words = [word for item in own.items() for word in ('-p', '{}:={}'.format(*item))]
         if name == 'camera':

@@ -225,7 +225,7 @@ class Seam:
         """Return what the first frames have left here, for :meth:`restored`."""
         frames = {'first': self._first, 'reference': self._reference}
         return {
-            f'seam.{name}.{kind}': np.array(part)
+            f'seam.{name}.{kind}': np.asarray(part)
             for name, frame in frames.items()
             if frame is not None
             for kind, part in zip(('image', 'azimuth'), frame, strict=True)

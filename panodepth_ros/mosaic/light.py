@@ -203,18 +203,30 @@ class Light:
         ray_angle, _ = self._camera.rays(u, v)
         self._changes.append((arm_azimuth, float(ray_angle.min()), float(ray_angle.max())))
 
-    def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Return what the frames have left here, for :meth:`restored`."""
+    @property
+    def noted(self) -> tuple[int, int]:
+        """How many frames were taken, and how many changes of a part of the view were seen."""
+        return len(self._azimuths), len(self._changes)
+
+    def arrays(self, frames: int = 0, changes: int = 0) -> dict[str, npt.NDArray[Any]]:
+        """
+        Return what the frames have left here, for :meth:`restored`.
+
+        Parameters
+        ----------
+        frames, changes : int
+            Leave out what the first so many have left, besides small pictures.
+        """
         if self._first is None or self._last is None:
             return {}
         return {
             'light.first': self._first,
             'light.last': self._last,
-            'light.azimuths': np.array(self._azimuths),
-            'light.ratios': np.array(self._ratios).reshape(
-                self.frames - 1, _channels(self._first)
+            'light.azimuths': np.array(self._azimuths[frames:]),
+            'light.ratios': np.array(self._ratios[max(0, frames - 1) :]).reshape(
+                -1, _channels(self._first)
             ),
-            'light.changes': np.array(self._changes).reshape(-1, 3),
+            'light.changes': np.array(self._changes[changes:]).reshape(-1, 3),
         }
 
     @classmethod

@@ -15,7 +15,7 @@ from panodepth_ros.mosaic.closure import Seam, redistributed
 from panodepth_ros.mosaic.light import Change, Light
 from panodepth_ros.mosaic.lookup import snapped, visible_rows
 from panodepth_ros.mosaic.rig import Rig, panorama_names
-from panodepth_ros.mosaic.view import View, check_stripes, checked, widest_deviation
+from panodepth_ros.mosaic.view import Mark, View, check_stripes, checked, widest_deviation
 
 #: Frames so close to a column's place have met it [columns].
 _SAME_PLACE = 1e-6
@@ -305,19 +305,38 @@ class Sweep:
         ahead = np.arange(rig.columns) - (rig.stripe_columns - 1) // 2
         return np.asarray((round(first) - self.direction * ahead) % rig.columns)
 
-    def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Return all that frames have left here, for :meth:`restored`."""
-        moments = [self.start or 0, self.end or 0]
+    def mark(self) -> Mark:
+        """Note how far the sweep is, for :meth:`arrays`."""
+        light = self.light
+        return Mark(self._deviation.copy(), *(light.noted if light is not None else (0, 0)))
+
+    def arrays(self, since: Mark | None = None) -> dict[str, npt.NDArray[Any]]:
+        """
+        Return all that frames have left here, for :meth:`restored`.
+
+        Parameters
+        ----------
+        since : Mark or None
+            Return only the columns that were filled or improved after it, and which these are,
+            ``columns``; and of ``light.azimuths``, ``ratios`` and ``changes`` what was added.
+        """
+        columns = None
+        if since is not None:
+            columns = np.flatnonzero(self._deviation != since.deviation)
+        part = slice(None) if columns is None else columns
+        noted = (0, 0) if since is None else (since.frames, since.changes)
         arrays: dict[str, npt.NDArray[Any]] = {
-            'moments': np.array(moments, np.int64),
+            'moments': np.array([self.start or 0, self.end or 0], np.int64),
             'azimuths': np.array([self._first_azimuth, self._last_azimuth]),
-            'deviation': self._deviation.copy(),
+            'deviation': np.array(self._deviation[part]),
             **(self.seam.arrays() if self.seam is not None else {}),
-            **(self.light.arrays() if self.light is not None else {}),
-            'frame': self._frame.copy(),
+            **(self.light.arrays(*noted) if self.light is not None else {}),
+            'frame': np.array(self._frame[part]),
         }
+        if columns is not None:
+            arrays['columns'] = columns
         for name, view in self._views.items():
-            arrays |= view.arrays(name)
+            arrays |= view.arrays(name, columns)
         return arrays
 
     @classmethod

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,23 @@ from panodepth_ros.mosaic.rig import Rig
 
 #: A pixel reaches half a pixel beyond its centre.
 _HALF_PIXEL = 0.5 + 1e-6
+
+
+class Mark(NamedTuple):
+    """
+    How far a sweep was.
+
+    Attributes
+    ----------
+    deviation : ndarray of float64, shape (N,)
+        Of each column's frame from the column [rad]; +inf where none was seen.
+    frames, changes : int
+        Frames whose light was looked at, and changes of a part of the view that were noted.
+    """
+
+    deviation: npt.NDArray[np.float64]
+    frames: int
+    changes: int
 
 
 class View:
@@ -92,10 +109,25 @@ class View:
             stripe_distance=rig.stripe_distance,
         )
 
-    def arrays(self, name: str) -> dict[str, npt.NDArray[Any]]:
-        """Return what frames have left here, by names that begin with one, for :meth:`take_up`."""
+    def arrays(
+        self, name: str, columns: npt.NDArray[np.int64] | None = None
+    ) -> dict[str, npt.NDArray[Any]]:
+        """
+        Return what frames have left here, for :meth:`take_up`.
+
+        Parameters
+        ----------
+        name : str
+            With which the names begin.
+        columns : ndarray of int64, or None
+            Only these; None for all.
+        """
         assert self.image is not None
-        return {f'{name}.image': self.image.copy(), f'{name}.ray_angle': self.ray_angle.copy()}
+        part = slice(None) if columns is None else columns
+        return {
+            f'{name}.image': np.array(self.image[:, part]),
+            f'{name}.ray_angle': np.array(self.ray_angle[part]),
+        }
 
     def take_up(
         self, name: str, arrays: Mapping[str, npt.NDArray[Any]], seen: npt.NDArray[np.bool_]
@@ -115,6 +147,12 @@ class View:
         self.ray_angle = checked(arrays, f'{name}.ray_angle', (columns,), np.float64)
         if not np.array_equal(np.isfinite(self.ray_angle), seen):
             raise ValueError(f'{name} has other columns than the sweep')
+
+
+def by_column(name: str) -> bool:
+    """Whether the array of a sweep that has this name has an entry for every column."""
+    first, _, last = name.rpartition('.')
+    return last in ('deviation', 'frame', 'ray_angle') or (last == 'image' and 'seam' not in first)
 
 
 def checked(

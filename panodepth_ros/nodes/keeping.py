@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 from panodepth_ros.geometry import PinholeCamera
 from panodepth_ros.mosaic import Rig, Sweep
-from panodepth_ros.mosaic.state import State, load_state, save_state
+from panodepth_ros.mosaic.state import State, SweepJournal, load_state
 
 
 class SweepKeeper:
@@ -39,6 +39,7 @@ class SweepKeeper:
         if self._path is not None and not self._path.absolute().parent.is_dir():
             raise ValueError(f'state_file is {path}; allowed: a file in a folder that exists')
         self.pending = self._path is not None and self._path.exists()
+        self._journal = SweepJournal(self._path) if self._path is not None else None
         self._azimuth = 0.0
         self._sources: set[bytes] = set()
         self._kept: int | None = None  # stamp of the newest frame in the file
@@ -55,12 +56,12 @@ class SweepKeeper:
             self._write(sweep)
 
     def _write(self, sweep: Sweep | None) -> None:
-        if self._path is None:
+        if self._journal is None:
             return
         self._kept = sweep.end if sweep is not None else None
         gids = tuple(sorted(gid.hex() for gid in self._sources))
         try:
-            save_state(self._path, sweep, self._azimuth, gids)
+            self._journal.write(sweep, self._azimuth, gids)
         except OSError as error:
             self._node.get_logger().error(
                 f'state_file cannot be written, a restart would lose the sweep: {error}',
@@ -80,5 +81,5 @@ class SweepKeeper:
     def forget(self) -> None:
         """Remove the file: the sweep has ended."""
         self.pending = False
-        if self._path is not None:
-            self._path.unlink(missing_ok=True)
+        if self._journal is not None:
+            self._journal.remove()

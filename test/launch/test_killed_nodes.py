@@ -60,7 +60,7 @@ def test_sweep_survives_the_death_of_each_node(graph, judge):
     assert 'heard of again by a new driver' in said
     assert 'the sweep resumes at frame' in said
     assert 'the mosaicer was restarted: the sweep under way goes on' in said
-    assert not (graph.folder / 'sweep.npz').exists()
+    assert not (graph.folder / 'sweep').exists()
 
 
 def test_driver_that_comes_back_with_another_count_ends_the_sweep(graph):
