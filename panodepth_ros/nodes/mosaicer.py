@@ -12,10 +12,10 @@ from std_msgs.msg import Float32, Header
 from std_srvs.srv import Trigger
 
 from panodepth_ros.mosaic import Assembler, ContinuousAssembler, Sweep
-from panodepth_ros.mosaic.continuity import doubt
-from panodepth_ros.mosaic.rig import REACH_BEYOND, panorama_names
-from panodepth_ros.nodes.arm_watch import Absence, ArmWatch
+from panodepth_ros.mosaic.rig import panorama_names
+from panodepth_ros.nodes.arm_watch import ArmWatch
 from panodepth_ros.nodes.closing import ClosureCheck
+from panodepth_ros.nodes.comeback import Comeback
 from panodepth_ros.nodes.delay import DelayCorrection
 from panodepth_ros.nodes.keeping import SweepKeeper
 from panodepth_ros.nodes.leading import Leader
@@ -41,8 +41,6 @@ from panodepth_ros.ros.process import run_node
 _NO_CAMERA = 'no camera_info received yet'
 #: How often waiting is checked against its timeouts [s].
 _WATCH_PERIOD = 0.25
-#: How long a mosaicer that was restarted sees the arm standing before it takes a sweep up [ns].
-_SEEN_STANDING = 500_000_000
 
 
 class Mosaicer(Node):
@@ -76,8 +74,16 @@ class Mosaicer(Node):
         self._last_panoramas: list[tuple[Publisher, Any]] = []
         self._keeper = SweepKeeper(self, self._settings.state_file)
         self._arm_watch = ArmWatch(self, self._settings.joint_state_gap)
-        self._absence: Absence | None = None
         self._leader = self._make_leader()
+        self._comeback = Comeback(
+            self,
+            self._assembler,
+            self._leader,
+            self._arm_watch,
+            self._keeper,
+            self._begin,
+            self._give_up,
+        )
         self._closure = ClosureCheck(self)
         self._light = LightReport(self)
         self._robot = RobotWatch(
@@ -170,12 +176,7 @@ class Mosaicer(Node):
                 self._assembler.sweep is not None,
             )
             return
-        if (absence := self._arm_watch.see(stamp)) is not None:
-            known = self._absence is not None and self._absence.restarted
-            self._absence = Absence(absence.seconds, absence.restarted or known)
-        if self._absence is not None and not velocity:
-            absence, self._absence = self._absence, None
-            self._on_return(azimuth, absence)
+        self._comeback.see(stamp, azimuth, velocity, leading=self._leading)
         self._publish(self._assembler.add_joint_state(stamp, azimuth, velocity))
         self._advance()
 
@@ -184,29 +185,6 @@ class Mosaicer(Node):
             self._give_up(f'{what}; let all computers have one time')
         else:
             self.get_logger().warning(what, throttle_duration_sec=5.0)
-
-    def _on_return(self, azimuth: float, absence: Absence) -> None:
-        """Go on, or not, with an arm that stands somewhere after it was out of sight."""
-        sweep = self._assembler.sweep
-        if self._leading:
-            between = self._leader.whereabouts()
-        elif isinstance(self._assembler, Assembler) and sweep is not None:
-            step = sweep.rig.stripe_columns * sweep.rig.column_step
-            ahead = sweep.last_azimuth + sweep.direction * step
-            between = (sweep.last_azimuth - (0.0 if sweep.direction else step), ahead)
-        else:
-            return
-        tolerance = REACH_BEYOND * self._assembler.rig.column_step
-        fault = doubt(azimuth, between, tolerance, restarted=absence.restarted)
-        if fault:
-            self._give_up(f'after {absence.seconds:.1f} s {fault}; see to the arm, home it')
-        elif self._leading:
-            what = self._leader.go_on(azimuth, restarted=absence.restarted)
-            who = 'by a new driver ' if absence.restarted else ''
-            self.get_logger().warning(
-                f'the arm is heard of again {who}after {absence.seconds:.1f} s, at '
-                f'{math.degrees(azimuth):.2f}°: {what}'
-            )
 
     # --- services -----------------------------------------------------------------------------
 
@@ -288,8 +266,8 @@ class Mosaicer(Node):
         if self._leading:
             self._leader.advance()
             self._keeper.update(self._assembler.sweep)
-        elif self._keeper.pending:
-            self._take_up()
+        elif self._keeper.pending and not self._why_not_start() and self._comeback.of_mosaicer():
+            self._leading = True
 
     def _stop_leading(self) -> None:
         self._keeper.forget()
@@ -299,55 +277,6 @@ class Mosaicer(Node):
 
     def _keep_sweep(self, azimuth: float) -> None:
         self._keeper.keep(self._assembler.sweep, azimuth, self._arm_watch.sources())
-
-    def _take_up(self) -> None:
-        """Go on with the sweep of a mosaicer that was killed, as soon as all is there."""
-        builder, newest = self._assembler, self._assembler.track.newest
-        if self._why_not_start() or newest is None or builder.camera is None:
-            return
-        if isinstance(builder, Assembler):
-            standstill = builder.track.current
-            if standstill is None or standstill.end - standstill.start < _SEEN_STANDING:
-                return
-        state = self._keeper.find(builder.rig, builder.camera)
-        if state is None:
-            return
-        azimuth, log = builder.track.position, self.get_logger()
-        try:
-            sweep = state.sweep(builder.rig, builder.camera)
-        except ValueError as error:
-            log.warning(f'the sweep under way is not taken up: {error}; it begins anew')
-            self._begin(newest)
-            return
-        between = -math.inf, math.inf
-        if sweep is not None:
-            step = builder.rig.stripe_columns * builder.rig.column_step
-            behind = 0.0 if sweep.direction else step
-            between = state.azimuth - behind, state.azimuth + (sweep.direction or 1) * step
-        sources = {gid.hex() for gid in self._arm_watch.sources()}
-        fault = doubt(
-            azimuth,
-            between,
-            REACH_BEYOND * builder.rig.column_step,
-            restarted=not sources <= set(state.sources),
-        )
-        if fault:
-            self._give_up(f'the mosaicer was restarted and {fault}; see to the arm, home it')
-            return
-        if sweep is None or not isinstance(builder, Assembler):
-            log.warning('the mosaicer was restarted: the sweep under way begins anew')
-            self._leader.end()
-            self._begin(newest)
-            return
-        assert isinstance(self._leader, StepLeader)
-        self._leading = True
-        builder.take_up(sweep)
-        self._leader.take_up(azimuth)
-        log.warning(
-            f'the mosaicer was restarted: the sweep under way goes on at '
-            f'{math.degrees(azimuth):.2f}° with '
-            f'{sweep.seen.sum()} columns'
-        )
 
     def _give_up(self, reason: str) -> None:
         self._delay.forget()
