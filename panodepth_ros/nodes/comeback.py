@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +21,8 @@ from panodepth_ros.nodes.stepping import StepLeader
 
 #: How long a mosaicer that was restarted sees the arm standing before it takes a sweep up [ns].
 _SEEN_STANDING = 500_000_000
+#: How long it waits for somebody who hears the panoramas: without, their sweep would be lost [s].
+_PATIENCE = 5.0
 
 
 class Comeback:
@@ -38,6 +41,8 @@ class Comeback:
         Tells when the arm was away.
     keeper : SweepKeeper
         Has the sweep of a mosaicer that was killed.
+    heard : callable
+        Whether somebody subscribes to the panoramas.
     begin : callable
         Begins a led sweep of what comes after a joint state [ns].
     give_up : callable
@@ -51,6 +56,7 @@ class Comeback:
         leader: Leader,
         watch: ArmWatch,
         keeper: SweepKeeper,
+        heard: Callable[[], bool],
         begin: Callable[[int], str],
         give_up: Callable[[str], None],
     ) -> None:
@@ -59,6 +65,8 @@ class Comeback:
         self._leader = leader
         self._watch = watch
         self._keeper = keeper
+        self._heard = heard
+        self._patience_until = time.monotonic() + _PATIENCE
         self._begin = begin
         self._give_up = give_up
         self._absence: Absence | None = None
@@ -104,7 +112,7 @@ class Comeback:
             Whether that sweep is led from now on.
         """
         builder, newest = self._builder, self._builder.track.newest
-        if newest is None or builder.camera is None or not self._seen_standing():
+        if newest is None or builder.camera is None or not self._ready():
             return False
         state = self._keeper.find(builder.rig, builder.camera)
         if state is None:
@@ -140,7 +148,10 @@ class Comeback:
         )
         return True
 
-    def _seen_standing(self) -> bool:
+    def _ready(self) -> bool:
+        """Whether the panoramas are heard, or will not be, and the arm was seen to stand."""
+        if not self._heard() and time.monotonic() < self._patience_until:
+            return False
         if not isinstance(self._builder, Assembler):
             return True
         standstill = self._builder.track.current

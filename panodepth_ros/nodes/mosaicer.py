@@ -81,6 +81,7 @@ class Mosaicer(Node):
             self._leader,
             self._arm_watch,
             self._keeper,
+            lambda: self._panoramas['left'].heard and self._panoramas['right'].heard,
             self._begin,
             self._give_up,
         )

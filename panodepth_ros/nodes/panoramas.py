@@ -42,6 +42,11 @@ class PanoramaPublisher:
         self._image = node.create_publisher(Image, f'{name}/image', qos.PANORAMAS)
         self._info = node.create_publisher(CameraInfo, f'{name}/camera_info', qos.PANORAMAS)
 
+    @property
+    def heard(self) -> bool:
+        """Whether somebody subscribes to both."""
+        return bool(self._image.get_subscription_count() and self._info.get_subscription_count())
+
     def messages(self, panorama: Panorama, header: Header) -> list[tuple[Publisher, Any]]:
         """Messages of a panorama with this header, each with its publisher."""
         encoding = 'bgr8' if panorama.image.ndim == 3 else 'mono8'

@@ -15,7 +15,7 @@ from panodepth_ros.nodes.leading import Leader, TurnWatch
 from panodepth_ros.nodes.stepping_settings import SteppingParameters
 from panodepth_ros.ros.diagnostics import OK, WARN
 
-#: A new driver of the arm is given this time to be found before it is asked for anything [s].
+#: A new driver, or one that a new mosaicer has just found, is asked for nothing so long [s].
 DISCOVERY_TIME = 0.5
 
 
@@ -122,7 +122,6 @@ class StepLeader(Leader):
             self._waiting_since = time.monotonic()
             return 'the sweep goes on'
         self._answer = None
-        self._ask_from = time.monotonic() + DISCOVERY_TIME
         if self._steps == 0:
             self.begin()
             return 'the sweep begins anew'
@@ -136,6 +135,7 @@ class StepLeader(Leader):
         left = sweep.columns_left(azimuth) if sweep is not None else rig.columns
         self._steps = max(1, rig.sweep_steps - max(0, -(-left // rig.stripe_columns)))
         self._azimuth, self._after, self._back = azimuth, 0, True
+        self._ask_from = time.monotonic() + DISCOVERY_TIME
         self._waiting_since = time.monotonic()
 
     def waits_for(self) -> tuple[bytes, str]:
