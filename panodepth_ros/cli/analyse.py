@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from panodepth_ros.analysis.capture_time import (
     widest_stripe,
 )
 from panodepth_ros.analysis.rig import RigNumbers
+from panodepth_ros.cli.failure import failed
 from panodepth_ros.cli.outputs import check_folder
 from panodepth_ros.cli.plotting import PlottingError, plotting
 
@@ -145,8 +145,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.figures is not None:
             print(f'\nwrote {_draw(rigs, arguments.figures)} to {arguments.figures}')
     except (ValueError, OSError, PlottingError) as error:
-        print(f'panodepth_ros analyse: {error}', file=sys.stderr)
-        return 1
+        return failed('analyse', error)
     return 0
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import importlib
 import signal
-import sys
 import threading
 from collections.abc import Callable
 from typing import Any
 
 from panodepth_ros.bag import BagError
+from panodepth_ros.cli.failure import failed
 
 ROS_MISSING = (
     'ROS 2 is missing (rclpy cannot be imported); source your installation, or '
@@ -17,12 +17,16 @@ ROS_MISSING = (
 )
 
 
-def run_until_stopped(module: str, work: Callable[[Any, threading.Event], str]) -> int:
+def run_until_stopped(
+    command: str, module: str, work: Callable[[Any, threading.Event], str]
+) -> int:
     """
     Do work that SIGINT and SIGTERM stop; say how it ended.
 
     Parameters
     ----------
+    command : str
+        The subcommand.
     module : str
         Module of :mod:`panodepth_ros.bag` that the work needs; it needs ROS.
     work : callable
@@ -39,13 +43,11 @@ def run_until_stopped(module: str, work: Callable[[Any, threading.Event], str]) 
     try:
         print(work(importlib.import_module(f'panodepth_ros.bag.{module}'), stop), flush=True)
     except BagError as error:
-        print(f'panodepth_ros: {error}', file=sys.stderr)
-        return 1
+        return failed(command, error)
     except ModuleNotFoundError as error:
         if error.name != 'rclpy':
             raise
-        print(f'panodepth_ros: {ROS_MISSING}', file=sys.stderr)
-        return 1
+        return failed(command, ROS_MISSING)
     finally:
         for number, handler in zip(numbers, handlers, strict=True):
             signal.signal(number, handler)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from panodepth_ros.calibration import (
 )
 from panodepth_ros.calibration.self_calibration import KNOWN_CENTRE, UNKNOWN_CENTRE
 from panodepth_ros.camera.calibration import Calibration, write_calibration
+from panodepth_ros.cli.failure import failed
 from panodepth_ros.cli.outputs import check_file
 
 #: Unknown to its name for people, unit, and factor from the core's unit.
@@ -113,8 +113,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.parameters.write_text(mounting_parameters(found))
             print(f'wrote {arguments.parameters}')
     except (BagError, OSError, ValueError) as error:
-        print(f'panodepth_ros: {error}', file=sys.stderr)
-        return 1
+        return failed('calibrate', error)
     return 0
 
 

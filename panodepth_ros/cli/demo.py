@@ -27,6 +27,7 @@ from std_srvs.srv import Trigger
 
 from panodepth_ros.cli.demo_report import film, report
 from panodepth_ros.cli.domain import claimed_domain
+from panodepth_ros.cli.failure import failed
 from panodepth_ros.cli.outputs import check_folder
 from panodepth_ros.cli.processes import ProcessError, Processes
 from panodepth_ros.ros.messages import JointReading, joint_reading
@@ -88,14 +89,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the demo; return the exit code."""
     parameters = arguments.params_file or installed_config(MODES[arguments.mode])
     if not parameters.is_file():
-        print(f'panodepth_ros demo: {parameters} is not a file', file=sys.stderr)
-        return 1
+        return failed('demo', f'{parameters} is not a file')
     output: Path = arguments.output
     try:
         check_folder(output)
     except OSError as error:
-        print(f'panodepth_ros demo: {error}', file=sys.stderr)
-        return 1
+        return failed('demo', error)
     output.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(output / 'bag', ignore_errors=True)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -118,8 +117,8 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.mode == 'spin':
             film(sweep.results, sweep.arm, output, room_seed=sweep.parameters['room_seed'])
     except ProcessError as error:
-        print(f'\npanodepth_ros demo: {error}', file=sys.stderr)
-        return 1
+        print(file=sys.stderr)
+        return failed('demo', error)
     return 0
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -16,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from panodepth_ros.bag import BagError
+from panodepth_ros.cli.failure import failed
 from panodepth_ros.cli.features import Comparison, compare, load_features, table
 from panodepth_ros.cli.outputs import check_folder
 from panodepth_ros.cli.plotting import PlottingError, plotting
@@ -94,8 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
             title=_plan_title(arguments),
         )
     except (BagError, PlottingError, OSError, ValueError) as error:
-        print(f'panodepth_ros figures: {error}', file=sys.stderr)
-        return 1
+        return failed('figures', error)
     if compared:
         print(f'\n{table(compared)}')
     print(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 import numpy as np
 
 from panodepth_ros.bag import BagError
+from panodepth_ros.cli.failure import failed
 from panodepth_ros.cli.outputs import check_file
 from panodepth_ros.cli.sweeps import add_sweep_arguments, read_pair
 from panodepth_ros.export.ply import vertices, write_ply
@@ -53,7 +53,6 @@ def run(arguments: argparse.Namespace) -> int:
         found = vertices(xyz, left.image, matched.confidence, arguments.min_confidence)
         write_ply(arguments.output, found)
     except (BagError, OSError, ValueError) as error:
-        print(f'panodepth_ros ply: {error}', file=sys.stderr)
-        return 1
+        return failed('ply', error)
     print(f'{arguments.output}: {found.size} points')
     return 0

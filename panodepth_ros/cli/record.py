@@ -45,4 +45,4 @@ def run(arguments: argparse.Namespace) -> int:
         count = recorder.record(path, arguments.topics, stop=stop, storage=arguments.storage)
         return f'{path}: {count} messages'
 
-    return run_until_stopped('recorder', work)
+    return run_until_stopped('record', 'recorder', work)

@@ -86,4 +86,4 @@ def run(arguments: argparse.Namespace) -> int:
         )
         return f'{arguments.bag}: sent {sent} of {total} messages'
 
-    return run_until_stopped('player', work)
+    return run_until_stopped('replay', 'player', work)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import sys
 from pathlib import Path
 
 from panodepth_ros.bag import BagError
+from panodepth_ros.cli.failure import failed
 from panodepth_ros.cli.outputs import check_file
 
 
@@ -47,8 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         text = report_page.html(found, name=arguments.recording.resolve().name, band=band)
         arguments.output.write_text(text, encoding='utf-8')
     except (BagError, OSError, ValueError) as error:
-        print(f'panodepth_ros report: {error}', file=sys.stderr)
-        return 1
+        return failed('report', error)
     except ModuleNotFoundError as error:
         missing = (error.name or '').partition('.')[0]
         remedy = {
@@ -57,7 +56,6 @@ def run(arguments: argparse.Namespace) -> int:
         }.get(missing)
         if remedy is None:
             raise
-        print(f'panodepth_ros report: {missing} is missing; {remedy}', file=sys.stderr)
-        return 1
+        return failed('report', f'{missing} is missing; {remedy}')
     print(f'wrote {arguments.output}, {len(text) / 1e6:.1f} MB')
     return 0

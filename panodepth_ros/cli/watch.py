@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import sys
 from typing import Any
 
 from panodepth_ros.cli.bags import ROS_MISSING
+from panodepth_ros.cli.failure import failed
 
 
 def _port(text: str) -> int:
@@ -41,8 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     except ModuleNotFoundError as error:
         if error.name != 'rclpy':
             raise
-        print(f'panodepth_ros: {ROS_MISSING}', file=sys.stderr)
-        return 1
+        return failed('watch', ROS_MISSING)
 
     def make() -> Any:
         watcher = importlib.import_module('panodepth_ros.nodes.watcher').Watcher()

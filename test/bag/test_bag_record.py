@@ -174,7 +174,10 @@ def test_existing_path_is_refused(ros_domain: int, tmp_path: Path) -> None:
     bag.mkdir()
     with record(bag, '/number', exit_code=1) as recorder:
         recorder.wait()
-        assert recorder.output == f'panodepth_ros: {bag} exists already and is not overwritten\n'
+        assert (
+            recorder.output
+            == f'panodepth_ros record: {bag} exists already and is not overwritten\n'
+        )
 
 
 @pytest.mark.parametrize('name', ['', '/a b', '/a//b', '/{robot}/a', '/1a'])
@@ -183,7 +186,7 @@ def test_impossible_name_of_a_topic_is_told(
 ) -> None:
     assert main(['record', '-o', str(tmp_path / 'bag'), name]) == 1
     told = capsys.readouterr().err
-    assert told.startswith(f'panodepth_ros: {name!r} is no name of a topic: ')
+    assert told.startswith(f'panodepth_ros record: {name!r} is no name of a topic: ')
     assert told.count('\n') == 1
     assert not (tmp_path / 'bag').exists()
 

@@ -283,7 +283,7 @@ def says(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     assert main(['replay', *map(str, arguments)]) == 1
     captured = capsys.readouterr()
     assert captured.out == ''
-    assert captured.err.startswith('panodepth_ros: ')
+    assert captured.err.startswith('panodepth_ros replay: ')
     assert captured.err.count('\n') == 1
     return captured.err
 

@@ -113,7 +113,7 @@ def test_what_is_missing_is_told_with_the_remedy(
         command, capture_output=True, text=True, timeout=60, cwd=tmp_path, check=False
     )
     assert done.returncode == 1
-    assert done.stderr.startswith('panodepth_ros: ')
+    assert done.stderr.startswith(f'panodepth_ros {arguments[0]}: ')
     assert done.stderr.count('\n') == 1
     assert remedy in done.stderr
     assert not (tmp_path / 'new').exists()
