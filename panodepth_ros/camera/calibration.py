@@ -18,6 +18,7 @@ from urllib.parse import unquote, urlsplit
 import yaml
 
 from panodepth_ros.geometry.camera import DISTORTION_MODELS, PinholeCamera
+from panodepth_ros.geometry.lens import check_lens
 
 #: A calibration has 1 kB; what is much longer is something else [bytes].
 LARGEST_FILE = 65536
@@ -74,6 +75,27 @@ class Calibration:
             distortion_coefficients=camera.distortion or (0.0,) * 5,
             rectification_matrix=_IDENTITY,
             projection_matrix=(fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0),
+        )
+
+    def pinhole(self) -> PinholeCamera:
+        """
+        Return the camera that is calibrated, not mounted.
+
+        Raises
+        ------
+        ValueError
+            If the values cannot describe a camera.
+        """
+        fx, _, cx, _, fy, cy, *_ = self.camera_matrix
+        return PinholeCamera(
+            width=self.image_width,
+            height=self.image_height,
+            fx=fx,
+            fy=fy,
+            cx=cx,
+            cy=cy,
+            distortion_model=self.distortion_model,
+            distortion=self.distortion_coefficients,
         )
 
 
@@ -182,7 +204,7 @@ class _Reader:
         name = self._content.get('camera_name', '')
         if not isinstance(name, str):
             self._refuse('camera_name', name, 'a string')
-        return Calibration(
+        calibration = Calibration(
             image_width=self._size('image_width'),
             image_height=self._size('image_height'),
             camera_name=name,
@@ -192,6 +214,11 @@ class _Reader:
             rectification_matrix=self._matrix('rectification_matrix', 3, 3),
             projection_matrix=self._matrix('projection_matrix', 3, 4),
         )
+        try:
+            check_lens(calibration.pinhole())
+        except ValueError as error:
+            raise CalibrationError(f'calibration file {self._path}: {error}') from error
+        return calibration
 
     def _refuse(self, field: str, value: object, allowed: str) -> None:
         raise CalibrationError(

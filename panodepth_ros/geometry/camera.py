@@ -140,7 +140,7 @@ class PinholeCamera:
             direction = self.mounting.to_camera(direction)
         forward, left, up = direction
         ahead = np.where(forward > 0, forward, np.nan)
-        return self._imaged(-left / ahead, -up / ahead)
+        return self.imaged(-left / ahead, -up / ahead)
 
     def rays(self, u: npt.ArrayLike, v: npt.ArrayLike) -> tuple[Array, Array]:
         """
@@ -161,11 +161,24 @@ class PinholeCamera:
         ValueError
             If no ray arrives at one of the pixels by this lens model.
         """
+        x, y = self.ideal(u, v)
+        forward, left, up = self.mounting.to_arm(np.stack([np.ones_like(x), -x, -y]))
+        return np.arctan2(left, forward), up / np.hypot(forward, left)
+
+    def ideal(self, u: npt.ArrayLike, v: npt.ArrayLike) -> tuple[Array, Array]:
+        """
+        Ideal coordinates imaged at pixels, the inverse of :meth:`imaged`; errors as :meth:`rays`.
+
+        Parameters
+        ----------
+        u, v : array_like of float
+            Pixels; broadcast.
+        """
         u, v = np.broadcast_arrays(np.asarray(u, np.float64), np.asarray(v, np.float64))
         x, y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
         for _ in range(_MOST_ITERATIONS if self.distorted else 0):
             with np.errstate(over='ignore', invalid='ignore'):  # on the way to no ray
-                reached_u, reached_v = self._imaged(x, y)
+                reached_u, reached_v = self.imaged(x, y)
             off_u, off_v = u - reached_u, v - reached_v
             if max(np.abs(off_u).max(), np.abs(off_v).max()) < _EXACT_PX:
                 break
@@ -176,11 +189,17 @@ class PinholeCamera:
                     f'camera distortion {self.distortion} leaves pixels without a ray; '
                     'allowed: a lens model that holds in the whole image'
                 )
-        forward, left, up = self.mounting.to_arm(np.stack([np.ones_like(x), -x, -y]))
-        return np.arctan2(left, forward), up / np.hypot(forward, left)
+        return x, y
 
-    def _imaged(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Lens model and K: ideal coordinates, right and down, to pixels."""
+    def imaged(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """
+        Lens model and K: ideal coordinates to pixels.
+
+        Parameters
+        ----------
+        x, y : ndarray of float64
+            Right and down, over the distance along the optical axis; of one shape.
+        """
         if not self.distorted:
             return self.cx + self.fx * x, self.cy + self.fy * y
         if self.distortion_model == 'plumb_bob':

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from panodepth_ros.geometry import PanoramaGeometry, PinholeCamera
+from panodepth_ros.geometry.lens import check_lens
 from panodepth_ros.motion.standstill import Odometry
 from panodepth_ros.scan.beams import ScanSettings
 
@@ -67,7 +68,7 @@ def pinhole_camera(info: CameraInfo, view_angle: float | None = None) -> Pinhole
     Raises
     ------
     ValueError
-        If the camera is uncalibrated or its model unknown.
+        If the camera is uncalibrated, its model unknown, or its lens folds inside of the image.
     """
     if view_angle is not None:
         focal_length = 0.5 * info.width / math.tan(0.5 * view_angle)
@@ -80,7 +81,7 @@ def pinhole_camera(info: CameraInfo, view_angle: float | None = None) -> Pinhole
             cy=0.5 * (info.height - 1),
         )
     k = info.k
-    return PinholeCamera(
+    camera = PinholeCamera(
         width=info.width,
         height=info.height,
         fx=float(k[0]),
@@ -90,6 +91,8 @@ def pinhole_camera(info: CameraInfo, view_angle: float | None = None) -> Pinhole
         distortion_model=info.distortion_model or 'plumb_bob',
         distortion=tuple(float(value) for value in info.d),
     )
+    check_lens(camera)
+    return camera
 
 
 class JointReading(NamedTuple):

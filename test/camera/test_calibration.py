@@ -106,7 +106,8 @@ def test_written_and_read_again_nothing_changes(
     calibration = Calibration.of_pinhole(
         PinholeCamera(width=7, height=5, fx=fx, fy=fy, cx=others[0], cy=others[1]), name
     )
-    calibration = dataclasses.replace(calibration, distortion_coefficients=others[2:])
+    # Any numbers would be no lens.
+    calibration = dataclasses.replace(calibration, rectification_matrix=(*others[2:], *[0.0] * 4))
     write_calibration(calibration, path)
     assert read_calibration(path) == calibration
 
@@ -185,6 +186,14 @@ def test_what_is_no_calibration_is_refused(tmp_path: Path, content: bytes, reaso
     path.write_bytes(content)
     with pytest.raises(CalibrationError, match=reason):
         read_calibration(path)
+
+
+def test_a_lens_that_folds_inside_of_the_image_is_refused(file: Path) -> None:
+    edited(file, distortion_coefficients=matrix(1, 5, [-5.0, 0.0, 0.0, 0.0, 0.0]))
+    with pytest.raises(
+        CalibrationError, match=r'head_camera.yaml: camera distortion \(-5.0, .* folds inside'
+    ):
+        read_calibration(file)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

@@ -120,12 +120,22 @@ def test_equation_1_is_shown_to_be_biased(bag: Path, capsys: pytest.CaptureFixtu
     assert angle['parallax modelled'] == pytest.approx(34.0, abs=1.5)
 
 
+def test_lens_that_folds_inside_of_the_image_is_refused(
+    frames: np.ndarray, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_bag(tmp_path / 'folded', META | {'k1': -5.0}, frames[:3])
+    assert main(['calibrate', str(bag)]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith('panodepth_ros calibrate: camera distortion (-5.0,')
+    assert 'folds inside of the image of 160 by 120 pixels' in said
+
+
 def test_uncalibrated_camera_needs_a_rough_field_of_view(
     frames: np.ndarray, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bare = write_bag(tmp_path / 'bare', META | {'fx': 0.0, 'fy': 0.0}, frames[:3])
     assert main(['calibrate', str(bare)]) == 1
-    assert 'camera fx is 0.0' in capsys.readouterr().err
+    assert capsys.readouterr().err.startswith('panodepth_ros calibrate: camera fx is 0.0')
     assert main(['calibrate', str(bare), '--field-of-view', '36']) == 1
     assert 'the frames cover 0.8° of arm azimuth; allowed: 20° or more' in capsys.readouterr().err
 

@@ -41,14 +41,14 @@ class DrumRig(MessageRig):
     def __init__(self, **node_args):
         super().__init__(math.radians(STEP_DEG), **node_args)
         self._drum = Drum(TRUE)
-        self.says = 1.03 * F
+        self.says, self.bends = 1.03 * F, 0.0
         self.blank = False
 
     def camera_info(self, stamp=None):
         info = CameraInfo(width=160, height=120, distortion_model='plumb_bob')
         info.header.stamp = stamp or self.later(1)
         info.k = [self.says, 0.0, 79.5, 0.0, self.says, 59.5, 0.0, 0.0, 1.0]
-        info.d = [0.0] * 5
+        info.d = [self.bends, 0.0, 0.0, 0.0, 0.0]
         self._infos.publish(info)
 
     def frame(self, mark=None):
@@ -171,13 +171,17 @@ def test_scene_without_texture_is_refused(bench):
     bench.refused('nothing is written: only 0 points could be followed')
 
 
-def test_uncalibrated_camera_is_refused(ros, tmp_path):
+@pytest.mark.parametrize(
+    ('says', 'bends', 'sentence'),
+    [(0.0, 0.0, 'camera fx is 0.0'), (F, -5.0, 'camera distortion (-5.0, 0.0, 0.0, 0.0, 0.0)')],
+)
+def test_unusable_camera_is_refused(ros, tmp_path, says, bends, sentence):
     bench = Bench(ros, tmp_path)
-    bench.rig.says = 0.0
+    bench.rig.says, bench.rig.bends = says, bends
     bench.rig.camera_info()
     bench.rig.standing()
-    ros.spin_until(lambda: 'fx' in bench.calibrator._camera_fault, 'camera_info')
-    bench.refused('the camera cannot be used: camera fx is 0.0')
+    ros.spin_until(lambda: 'received' not in bench.calibrator._camera_fault, 'camera_info')
+    bench.refused(f'the camera cannot be used: {sentence}')
     assert bench.rig.steps == 0
 
 

@@ -393,6 +393,7 @@ def test_a_new_calibration_without_a_file_says_that_it_will_be_lost(ros, tmp_pat
         ({'distortion_model': 'fisheye'}, "distortion_model is 'fisheye'; allowed: plumb_bob"),
         ({'d': [0.0, math.nan, 0.0, 0.0, 0.0]}, 'allowed: finite numbers'),
         ({'k': [0.0] * 9}, 'allowed: focal lengths above 0'),
+        ({'d': [-20.0, 0.0, 0.0, 0.0, 0.0]}, 'folds inside of the image'),
     ],
 )
 def test_a_bad_calibration_is_refused_and_the_old_one_stays(

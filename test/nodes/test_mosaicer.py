@@ -231,6 +231,14 @@ def test_start_without_an_arm_is_refused(ros):
     assert 'no joint state of panodepth_arm_joint' in bench.call('start').message
 
 
+def test_start_with_a_lens_that_folds_inside_of_the_image_is_refused(ros):
+    bench = Bench(ros)
+    bench.rig.camera_info(k1=-5.0)
+    bench.rig.standing()
+    ros.spin_until(lambda: 'folds' in bench.mosaicer._camera_fault, 'camera_info')
+    assert 'camera distortion (-5.0, 0.0, 0.0, 0.0, 0.0)' in bench.call('start').message
+
+
 def test_start_with_an_uncalibrated_camera_is_refused(ros):
     bench = Bench(ros)
     bench.rig.camera_info(focal_length=0.0)

@@ -117,6 +117,15 @@ def test_uncalibrated_camera_is_refused():
         pinhole_camera(CameraInfo(width=160, height=120))
 
 
+def test_camera_whose_lens_folds_inside_of_the_image_is_refused():
+    info = CameraInfo(width=160, height=120, distortion_model='plumb_bob', d=[-5.0, 0, 0, 0, 0.0])
+    info.k = [262.0, 0.0, 79.5, 0.0, 262.0, 59.5, 0.0, 0.0, 1.0]
+    with pytest.raises(ValueError, match='folds inside of the image of 160 by 120 pixels'):
+        pinhole_camera(info)
+    # A rough view angle stands in for the whole calibration.
+    assert not pinhole_camera(info, math.radians(34.0)).distorted
+
+
 @pytest.mark.parametrize('beams', [60, 360, 719, 720, 1800, 3600, 7200])
 def test_scan_has_the_form_that_every_consumer_takes(beams):
     settings = ScanSettings(beams=beams)
