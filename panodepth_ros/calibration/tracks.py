@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from panodepth_ros.geometry import PinholeCamera
+from panodepth_ros.geometry.sampling import sampling_maps
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -82,7 +83,7 @@ class _Cylinder:
         self._left, self._top = angle.max(), slope.max()
         i, j = np.mgrid[0:rows, 0:columns]
         u, v = self.pixels(j, i)
-        self._map = u.astype(np.float32), v.astype(np.float32)
+        self._map = sampling_maps(u, v)
         half = PATCH // 2 + 1
         inside = (u >= 0) & (u <= camera.width - 1) & (v >= 0) & (v <= camera.height - 1)
         kernel = np.ones((2 * half + 1, 2 * half + 1), np.uint8)

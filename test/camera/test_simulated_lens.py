@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -54,6 +55,33 @@ def test_known_mounting_gives_the_panoramas_of_an_aligned_camera(room: Room) -> 
         right, wrong = (np.nanmean(o) for o in off)
         assert right < 3.5
         assert right < 0.3 * wrong
+
+
+class Waves:
+    """Upright waves of four pixels on an endless wall, in place of a room."""
+
+    wave_number = 2 * math.pi * IDEAL.fx / 4
+
+    def render(self, phase: float, level: RoomCamera, _: float) -> np.ndarray:
+        x = (np.arange(level.width) - level.cx) / level.fx
+        row = np.rint(127.5 + 100 * np.cos(self.wave_number * x + phase))
+        return np.broadcast_to(row[:, np.newaxis], (level.height, level.width, 3)).astype(np.uint8)
+
+
+def test_turned_camera_sees_things_where_they_are_in_all_columns() -> None:
+    # Columns that are displaced alike are a lens; a calibration sees what 0.005 px do.
+    lens = replace(ALIGNED, mounting=Mounting(yaw=math.radians(1.2)))
+    camera, waves = RealCamera(lens), Waves()
+    phases = 2 * math.pi * np.arange(16) / 16
+    seen = sum(
+        camera.render(cast('Room', waves), phase, RADIUS)[..., 0] * np.exp(-1j * phase)
+        for phase in phases.tolist()
+    )
+    v, u = np.mgrid[0:120, 0:160]
+    expected = waves.wave_number * -np.tan(lens.rays(u, v)[0])
+    off = np.angle(seen * np.exp(-1j * expected)) * 4 / (2 * math.pi)
+    stripes = off.mean(axis=0).reshape(16, 10).mean(axis=1)
+    assert np.abs(stripes).max() < 0.003
 
 
 def test_ideal_camera_is_rendered_directly(room: Room) -> None:
