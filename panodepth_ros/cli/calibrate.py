@@ -71,6 +71,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'sweep alone',
     )
     parser.add_argument(
+        '--k1-sd',
+        type=_number(0.0, math.inf, ''),
+        default=math.inf,
+        metavar='σ',
+        help="how well camera_info's k1 is known (inf); 0 holds it: a sweep then tells the focal "
+        'length, too',
+    )
+    parser.add_argument(
         '--field-of-view',
         type=_number(5.0, 120.0, '°'),
         metavar='°',
@@ -91,6 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
     given = Given(
         focal_length=math.inf if sweep_alone else arguments.focal_length_sd / 100,
         principal_point=UNKNOWN_CENTRE if rough else KNOWN_CENTRE,
+        k1=math.inf if rough else arguments.k1_sd,
     )
     try:
         for path in filter(None, (arguments.output, arguments.parameters)):

@@ -107,6 +107,24 @@ def test_bag_of_a_turned_camera_gives_calibration_and_mounting(
         assert (rise[0] - rise[1]) * IDEAL.fy == pytest.approx(0.0, abs=0.15)
 
 
+def test_focal_length_is_told_by_the_sweep_where_k1_is_given(
+    frames: np.ndarray, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = 1.02 * META['fx']
+    bag = write_bag(tmp_path / 'wrong', META | {'fx': wrong, 'fy': wrong, 'k1': -0.08}, frames)
+
+    def found(*options: str) -> tuple[float, float]:
+        """Focal length and its standard deviation, as printed."""
+        assert main(['calibrate', str(bag), '--focal-length-sd', 'inf', *options]) == 0
+        line = next(x for x in capsys.readouterr().out.splitlines() if x.startswith('  fx'))
+        value, deviation = line.split()[1], line.split()[3]
+        return float(value), float(deviation)
+
+    value, deviation = found('--k1-sd', '0.0002')
+    assert value == pytest.approx(IDEAL.fx, rel=0.01)
+    assert deviation < 0.5 * found()[1]
+
+
 def test_equation_1_is_shown_to_be_biased(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['calibrate', str(bag), '--view-angle']) == 0
     lines = capsys.readouterr().out.splitlines()
