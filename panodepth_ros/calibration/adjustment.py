@@ -40,6 +40,9 @@ _LEAST_GAIN = 1e-2
 _SECTOR = math.radians(30.0)
 #: The sum of all is 0 where the fit ends, so that few sectors would tell nothing.
 _FEWEST_SECTORS = 6
+#: Errors of sightings in one of so many stripes of the image may depend on each other; what is
+#: fitted takes this many of them away: place, slope and bend of the paths, k1, fx.
+_GROUPS, _FITTED = 16, 6
 #: Added to a point's normal matrix, which is many orders larger.
 _FLOOR = 1e-9
 #: Damping at which no step helps any more.
@@ -100,7 +103,7 @@ class Adjusted:
         Azimuth α [rad], arm_radius/l and z/l of each point.
     covariance : ndarray of float64, shape (G, G)
         Of the camera's unknowns in the order given, focal length as its logarithm. Errors within
-        a sector of 30° may depend on each other.
+        a sector of 30°, and within a sixteenth of the image's width, may depend on each other.
     bound : ndarray of float64, shape (G,)
         Standard deviations, were the errors of all sightings white noise: Cramér and Rao's bound.
     residual_px : ndarray of float64, shape (T,)
@@ -170,7 +173,7 @@ def adjust(
     camera : PinholeCamera
         Where to begin.
     names : sequence of str
-        Unknowns of the camera, keys of :data:`UNKNOWNS`; the others are held.
+        Unknowns of the camera, keys of :data:`UNKNOWNS`; the others are held as in ``origin``.
     prior : ndarray of float64, shape (G,)
         Standard deviation of what ``origin`` says of them; inf for none.
     origin : PinholeCamera
@@ -179,6 +182,7 @@ def adjust(
         Where the points begin; triangulated if not given.
     """
     begun, total = origin, difference(camera, origin, names)
+    camera = moved(begun, names, total)  # what is held is that of origin
     points = triangulated(tracks, camera) if points is None else points
     weak = 1.0 / np.square(prior)
     damping = 1e-3
@@ -213,7 +217,8 @@ def adjust(
     azimuth = np.nanmean(tracks.arm_azimuth, axis=1)
     count = np.maximum(np.isfinite(tracks.u).sum(axis=1), 1)
     rms = np.sqrt(np.square(off).sum(axis=(1, 2)) / count)
-    covariance, bound = system.uncertainty(weak, azimuth)
+    column = (np.nan_to_num(tracks.u) + 0.5) / camera.width
+    covariance, bound = system.uncertainty(weak, azimuth, column)
     return Adjusted(camera, points, covariance, bound, rms)
 
 
@@ -270,6 +275,13 @@ def _slope(
     return (residuals(tracks, *ahead) - residuals(tracks, *behind)) / (2.0 * size)
 
 
+def _summed(values: Array, group: npt.NDArray[np.int64], count: int) -> Array:
+    """Sums over groups, shape (count, G), of values of shape (…, G)."""
+    summed = np.zeros((count, values.shape[-1]))
+    np.add.at(summed, group, values)
+    return summed
+
+
 class _System:
     """Normal equations at one place, with the points eliminated."""
 
@@ -302,6 +314,7 @@ class _System:
         jp = (by_point * root[..., np.newaxis]).reshape(count, -1, 3)
         e = (off * root).reshape(count, -1, 1)
         jpt = jp.transpose(0, 2, 1)
+        self._by_camera, self._by_point, self._off = jc, jp, e
         self._camera = jc.transpose(0, 2, 1) @ jc
         self._cross = jpt @ jc
         self._point = jpt @ jp
@@ -328,22 +341,44 @@ class _System:
         step = -np.linalg.solve(matrix, gradients.sum(axis=0) + weak * total)
         return step, -own - back @ step
 
-    def uncertainty(self, weak: Array, azimuth: Array) -> tuple[Array, Array]:
+    def uncertainty(self, weak: Array, azimuth: Array, column: Array) -> tuple[Array, Array]:
         """
-        Covariance if what different sectors show is independent, and the bound for white noise.
+        Covariance if errors are shared within sectors and within columns; bound for white noise.
 
-        Points of one wall are misjudged alike, for it is seen at a like slant. Few sectors may
-        agree by chance: no direction is known better than white noise of the residuals allows.
+        Points of one wall are misjudged alike, for it is seen at a like slant; and what the lens
+        model lacks displaces all that is seen in the same columns alike. Both are taken from the
+        residuals, as sums over such groups (Cameron, Gelbach, Miller 2011: the groups' covariances
+        added, less what both have in common). Few groups may agree by chance: no direction is
+        known better than white noise of the residuals allows.
+
+        Parameters
+        ----------
+        weak : ndarray of float64, shape (G,)
+            Inverse variances of what was given.
+        azimuth : ndarray of float64, shape (T,)
+            Where each point was seen from [rad].
+        column : ndarray of float64, shape (T, K)
+            Where in the image, as share of its width; any number where a point is not seen.
         """
-        shares, gradients, _, _ = self._reduced()
+        shares, gradients, back, _ = self._reduced()
+        information = shares.sum(axis=0)
         count = max(_FEWEST_SECTORS, round(float(np.ptp(azimuth)) / _SECTOR))
         edges = np.linspace(azimuth.min(), azimuth.max(), count + 1)[1:-1]
-        summed = np.zeros((count, len(weak)))
-        np.add.at(summed, np.searchsorted(edges, azimuth), gradients)
-        spread = summed.T @ summed * (count / (count - 1)) + np.diag(weak)
+        by_sector = _summed(gradients, np.searchsorted(edges, azimuth), count)
+        own = (self._by_camera - self._by_point @ back) * self._off
+        own = own.reshape(*column.shape, 2, -1).sum(axis=2).reshape(-1, len(weak))
+        groups = np.clip(column.ravel() * _GROUPS, 0, _GROUPS - 1).astype(np.int64)
+        by_column = _summed(own, groups, _GROUPS)
+        # White noise is in both, and counts once.
+        spread = (
+            by_sector.T @ by_sector * (count / (count - 1))
+            + by_column.T @ by_column * (_GROUPS / (_GROUPS - _FITTED))
+            - information
+            + np.diag(weak)
+        )
         # With information = L·Lᵀ the bound's covariance is L⁻ᵀ·L⁻¹, and that by sectors
         # L⁻ᵀ·(L⁻¹·spread·L⁻ᵀ)·L⁻¹.
-        root = np.linalg.inv(np.linalg.cholesky(shares.sum(axis=0) + np.diag(weak)))
+        root = np.linalg.inv(np.linalg.cholesky(information + np.diag(weak)))
         size, axes = np.linalg.eigh(root @ spread @ root.T)
         turned = axes.T @ root
         covariance = turned.T @ (np.maximum(size, 1.0)[:, np.newaxis] * turned)

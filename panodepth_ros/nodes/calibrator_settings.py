@@ -29,7 +29,7 @@ class CalibratorParameters(SteppingParameters):
         bounds=(0.0, 120.0),
     )
     largest_stddev: float = parameter(
-        0.02,
+        0.03,
         'Largest standard deviation of fx, as a share of it, of a calibration that is written',
         bounds=(0.0001, 0.1),
         live=True,

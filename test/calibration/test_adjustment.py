@@ -64,6 +64,15 @@ def test_exact_tracks_give_the_camera_back_from_a_wrong_start():
     assert found.residual_px.max() < 1e-3
 
 
+def test_what_is_held_is_that_of_the_origin_wherever_the_fit_begins():
+    tracks, points = seen_by(TRUE, 300, 0.0)
+    names = ('roll', 'tilt')
+    start = replace(TRUE, distortion=(-0.09, 0.0, 0.0, 0.0))
+    found = adjust(tracks, start, names, np.full(2, INF), origin=TRUE, points=points)
+    assert found.camera.distortion == TRUE.distortion
+    assert found.residual_px.max() < 1e-3
+
+
 def test_estimates_are_as_far_off_as_their_uncertainty_says():
     off = []
     for seed in range(4):
@@ -138,6 +147,24 @@ def test_errors_that_points_of_a_wall_share_widen_the_uncertainty():
         wider.append(deviation / found.bound[0])
     assert np.sqrt(np.mean(np.square(off))) < 2.0
     assert np.median(wider) > 3.0, 'white noise is not what errs here'
+
+
+def test_errors_that_columns_share_widen_the_uncertainty():
+    # A lens that the model does not have: what displaces all sectors alike.
+    off, wider = [], []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        _, points = seen_by(TRUE, 600, 0.0, seed)
+        inverse = 0.3 / rng.uniform(0.8, 3.0, 600)
+        tracks = with_distances(points, inverse, np.zeros(600), 0.03, seed)
+        lens = np.interp(tracks.u, np.arange(0, 161, 10), rng.normal(0, 0.01, 17))
+        tracks = Tracks(tracks.arm_azimuth, tracks.u + lens, tracks.v)
+        found = adjust(tracks, TRUE, NAMES, SWEEP_ALONE, origin=TRUE)
+        deviation = math.sqrt(found.covariance[0, 0])
+        off.append(math.log(found.camera.fx / F) / deviation)
+        wider.append(deviation / found.bound[0])
+    assert np.sqrt(np.mean(np.square(off))) < 1.3
+    assert np.median(wider) > 1.4, 'white noise is not what errs here'
 
 
 def test_tilt_and_principal_row_are_told_together_only():
