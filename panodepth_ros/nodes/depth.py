@@ -174,6 +174,7 @@ class Depth(Node):
         )
         points, ranges, beam_stddev = _scan_of(matched, left.geometry, right.geometry, parameters)
         settings = parameters.scan_settings()
+        self._tell_of_gaps(settings.beams, left.geometry.columns)
         scan = laser_scan(ranges, settings, header, left.geometry.sweep_duration)
         stddev_scan = values_of_scan(beam_stddev, scan)
         self._republisher.take(
@@ -200,6 +201,15 @@ class Depth(Node):
         )
         self._outcome = Report(OK, summary)
         self.get_logger().info(summary)
+
+    def _tell_of_gaps(self, beams: int, columns: int) -> None:
+        if beams > columns:
+            self.get_logger().warning(
+                f'the scan has {beams} beams and the panoramas {columns} columns: beams that lie '
+                f'between columns stay unknown; set beams to {columns} or fewer, or sweep in '
+                'smaller steps',
+                once=True,
+            )
 
     def destroy_node(self) -> None:
         """Finish the pair being matched, end the thread, destroy the node; may run twice."""

@@ -53,9 +53,9 @@ class DepthParameters(StillParameters):
         live=True,
     )
     min_support: float = parameter(
-        8.0,
+        12.0,
         'Sum of the confidences of pixels of one distance that make a surface of a beam; '
-        'more within 1.2 m',
+        'more within 1.2 m; a third of it makes the beam unknown',
         bounds=(0.0, 10000.0),
         live=True,
     )

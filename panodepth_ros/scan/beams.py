@@ -17,8 +17,14 @@ NEIGHBOURHOOD = np.deg2rad(2.0)
 FULL_SUPPORT = 1.2
 #: But not more than this share of all the panorama's pixels within the neighbourhood.
 LARGEST_SHARE = 0.25
+#: This share of the support makes no surface, but hides what lies behind: the beam is unknown.
+DOUBT = 1 / 3
+#: It hides only what lies farther behind than this many ``SURFACE_DEPTH``.
+DOUBT_DEPTHS = 2
 #: Resolution at which support is counted, as a share of the distance.
 _DEPTH_STEP = 0.005
+#: Support below this is a rounding error of sums.
+_NOTHING = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +43,8 @@ class ScanSettings:
     min_confidence : float
         Least confidence of a pixel that counts.
     min_support : float
-        Least sum of confidences that makes a surface at ``FULL_SUPPORT`` and beyond.
+        Least sum of confidences that makes a surface at ``FULL_SUPPORT`` and beyond; from
+        ``DOUBT`` of it on a beam that would end farther away is unknown.
     row : int
         Use this single row of the panorama instead of the height band; −1 for the band.
 
@@ -53,7 +60,7 @@ class ScanSettings:
     min_height: float = -0.15
     max_height: float = 0.15
     min_confidence: float = 0.3
-    min_support: float = 8.0
+    min_support: float = 12.0
     row: int = -1
 
     def __post_init__(self) -> None:
@@ -105,15 +112,20 @@ def laser_ranges(
 
     Notes
     -----
-    A surface is a group of pixels whose distances lie within ``SURFACE_DEPTH`` of the nearest
-    of them and whose confidences sum up to ``min_support``. It needs one pixel in the beam
-    itself; the others may be in beams within :data:`NEIGHBOURHOOD`: an edge that is a pixel high
-    but a hand wide has support, a pole has it from its own rows, a speckle has none. Nearer than
+    A surface is a group of pixels whose distances lie within ``SURFACE_DEPTH`` of each other and
+    whose confidences sum up to ``min_support``. It needs one pixel in the beam itself; the
+    others may be in beams within :data:`NEIGHBOURHOOD`: an edge that is a pixel high but a hand
+    wide has support, a pole has it from its own rows, a speckle has none. Nearer than
     :data:`FULL_SUPPORT` the support must be larger by the cube of that over the distance: a thing
     has more pixels there, by the square, and so has a patch that one eye alone sees and that
     found a chance partner; but what fills :data:`LARGEST_SHARE` of the view has support in the
-    coarsest panorama. The range is the median distance of the nearest surface's pixels in
-    the beam. A single row needs no support.
+    coarsest panorama. The range is the median distance of the pixels in the beam from where the
+    nearest surface begins, which may be with a pixel of another beam, to one and a half times
+    ``SURFACE_DEPTH`` behind: noise spreads the pixels, and the nearest of them are found first.
+
+    A group that has less support, but :data:`DOUBT` of it, is as often a thin thing as a chance
+    match: what lies clearly behind is not reported, for a beam that ends behind an obstacle is
+    worse than none. A single row needs no support and knows no doubt.
     """
     distance = points.radial_distance
     if confidence.shape != distance.shape:
@@ -125,7 +137,9 @@ def laser_ranges(
     found = np.minimum(distance[use], 2 * settings.range_max)
     support = 0.0 if settings.row >= 0 else settings.min_support
     limit = LARGEST_SHARE * distance.size / settings.beams
-    nearest = _nearest_surfaces(beam, found, confidence[use], settings.beams, support, limit)
+    nearest = _nearest_surfaces(
+        beam, found, confidence[use], settings.beams, support, limit, settings.range_max
+    )
     with np.errstate(invalid='ignore'):
         nearest = np.where(nearest > settings.range_max, np.inf, nearest)
         nearest = np.where(nearest < settings.range_min, -np.inf, nearest)
@@ -184,12 +198,13 @@ def _nearest_surfaces(
     beams: int,
     support: float,
     limit: float,
+    farthest: float,
 ) -> Array:
     """
-    Distance of the nearest supported surface of each beam, NaN where there is none.
+    Distance of the nearest supported surface of each beam, NaN where there is none or doubt.
 
     No surface beyond the least support needs more than ``limit`` for each beam of its
-    neighbourhood.
+    neighbourhood. What is farther away than ``farthest`` casts no doubt.
     """
     nearest = np.full(beams, np.nan)
     if not beam.size:
@@ -207,9 +222,12 @@ def _nearest_surfaces(
     needed = support * np.maximum(FULL_SUPPORT / of_level, 1.0) ** 3
     needed = np.minimum(needed, max(support, limit * (2 * reach + 1)))
     around = np.concatenate([pooled[beams - reach :], pooled, pooled[:reach]])
-    supported = (_sums(around, 2 * reach + 1) >= needed) & (own[:, :levels] > 0)
-    first = np.where(supported.any(axis=1), supported.argmax(axis=1), size)
-    inside = (level >= first[beam]) & (level < first[beam] + depth)
+    found = np.where(pooled > _NOTHING, _sums(around, 2 * reach + 1), -1.0)
+    first = _first(found >= needed, size)
+    doubtful = _first((found >= DOUBT * needed) & (of_level <= farthest), size)
+    first[doubtful < first - DOUBT_DEPTHS * depth] = size
+    # The first group is the near end of what noise spreads: the middle lies farther behind.
+    inside = (level >= first[beam]) & (level < first[beam] + depth + depth // 2)
     of_beam, of_distance = _sorted(beam[inside], distance[inside])
     start = np.flatnonzero(np.diff(of_beam, prepend=-1))
     count = np.diff(start, append=of_beam.size)
@@ -217,6 +235,11 @@ def _nearest_surfaces(
     low, high = of_distance[start + (count - 1) // 2], of_distance[start + count // 2]
     nearest[of_beam[start]] = (low + high) / 2
     return nearest
+
+
+def _first(levels: npt.NDArray[np.bool_], none: int) -> npt.NDArray[np.int64]:
+    """First true level of each beam, ``none`` where there is none."""
+    return np.where(levels.any(axis=1), levels.argmax(axis=1), none)
 
 
 def _sums(values: Array, width: int) -> Array:

@@ -203,6 +203,16 @@ def test_unseen_sector_is_unknown_in_depth_and_scan(ros):
     assert np.isfinite(ranges[20:70]).any()
 
 
+@pytest.mark.parametrize(('beams', 'times'), [(COLUMNS, 0), (COLUMNS + 1, 1)])
+def test_more_beams_than_columns_are_told_once(ros, capfd, beams, times):
+    bench = Bench(ros, beams=beams)
+    for stamp in (1, 2):
+        bench.send(stamp)
+        bench.results(stamp)
+    told = capfd.readouterr().err
+    assert told.count('beams that lie between columns stay unknown; set beams to 360') == times
+
+
 def test_far_wall_is_infinite_and_near_wall_minus_infinite(ros):
     bench = Bench(ros, range_min=2.0, range_max=3.0)
     bench.send(shift=29)

@@ -45,9 +45,38 @@ def test_nearest_surface_of_a_beam_counts():
 
 def test_surface_needs_support_at_its_own_distance():
     speckle = [(1.2, 0.0, 0.0), (1.23, 0.0, 0.0)]
-    wall = [(2.0, 0.0, 0.0), (2.02, 0.0, 0.05), (2.04, 0.0, -0.05)]
-    assert scan(speckle + wall, min_support=2.5)[180] == pytest.approx(2.02)
-    assert np.isnan(scan(speckle, min_support=2.5)[180])
+    wall = [(2.0, 0.0, 0.0), (2.02, 0.0, 0.05), (2.04, 0.0, -0.05)] * 3
+    assert scan(speckle + wall, min_support=7.0)[180] == pytest.approx(2.02)
+    assert np.isnan(scan(speckle, min_support=7.0)[180])
+
+
+@pytest.mark.parametrize(
+    ('pixels', 'distance', 'expected'),
+    [(1, 1.5, 2.0), (2, 1.5, math.nan), (2, 1.9, 2.0)],
+)
+def test_a_third_of_the_support_hides_what_is_clearly_behind(pixels, distance, expected):
+    thing = [(distance, 0.0, 0.0)] * pixels
+    wall = [(2.0, 0.0, 0.0)] * 6
+    assert scan(thing + wall, min_support=6.0)[180] == pytest.approx(expected, nan_ok=True)
+    assert scan(thing + [(11.0, 0.0, 0.0)] * 6, min_support=6.0)[180] == pytest.approx(
+        math.inf if pixels == 1 else math.nan, nan_ok=True
+    )
+
+
+def test_what_lies_beyond_range_max_hides_nothing():
+    far = [(11.0, 0.0, 0.0)] * 2 + [(14.0, 0.0, 0.0)] * 6
+    assert scan(far, min_support=6.0)[180] == math.inf
+
+
+def test_surface_may_begin_with_nearer_pixels_of_another_beam():
+    beside = [(2.0, math.radians(1), 0.0)] * 3
+    assert scan([*beside, (2.06, 0.0, 0.0)], min_support=3.5)[180] == pytest.approx(2.06)
+
+
+def test_range_is_taken_from_half_as_much_again_as_a_surface_is_deep():
+    # It begins at 2 m, 6 % end at 2.12 m.
+    own = [(2.0, 0.0, 0.0), (2.04, 0.0, 0.0), (2.11, 0.0, 0.0), (2.15, 0.0, 0.0)]
+    assert scan(own, min_support=2.0)[180] == pytest.approx(2.04)
 
 
 def test_pixels_support_a_surface_by_their_confidence():
@@ -56,13 +85,13 @@ def test_pixels_support_a_surface_by_their_confidence():
     assert np.isnan(scan(edge, min_support=2.5)[180])
 
 
-@pytest.mark.parametrize(('pixels', 'supported'), [(16, True), (15, False)])
-def test_near_surface_needs_more_support(pixels, supported):
+@pytest.mark.parametrize(('pixels', 'expected'), [(16, 0.6), (15, math.nan), (5, 2.0)])
+def test_near_surface_needs_more_support(pixels, expected):
     near = [(0.6, 0.0, 0.0)] * pixels  # half of 1.2 m: eight times the support
     wall = [(2.0, 0.0, 0.0)] * 2
     elsewhere = [(math.nan, 0.0, 0.0)] * 5000
-    expected = 0.6 if supported else 2.0
-    assert scan(near + wall + elsewhere, min_support=2.0)[180] == pytest.approx(expected)
+    ranges = scan(near + wall + elsewhere, min_support=2.0)
+    assert ranges[180] == pytest.approx(expected, nan_ok=True)
 
 
 @pytest.mark.parametrize(('pixels', 'supported'), [(10, True), (9, False)])
