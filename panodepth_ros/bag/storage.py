@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import sqlite3
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -227,10 +228,8 @@ class BagWriter:
         rosbag2 = rosbags('rosbag2')
         plugin = rosbag2.StoragePlugin[storage.upper()]
         self._writer = rosbag2.Writer(self.path, version=9, storage_plugin=plugin)
-        try:
+        with self._telling('made'):
             self._writer.open()
-        except OSError as error:
-            raise BagError(f'bag {self.path} cannot be made: {error.strerror}') from error
         self._connections: dict[str, Any] = {}
         self.message_count = 0
 
@@ -250,10 +249,16 @@ class BagWriter:
             Knows the type, whose definition and hash are stored with the messages.
         qos : collection of rosbags Qos
             What the publishers offered.
+
+        Raises
+        ------
+        BagError
+            If it cannot be written, as on a full disk.
         """
-        self._connections[topic] = self._writer.add_connection(
-            topic, message_type, typestore=typestore, offered_qos_profiles=tuple(qos)
-        )
+        with self._telling('written'):
+            self._connections[topic] = self._writer.add_connection(
+                topic, message_type, typestore=typestore, offered_qos_profiles=tuple(qos)
+            )
 
     def write(self, topic: str, time: int, data: bytes | memoryview) -> None:
         """
@@ -264,18 +269,35 @@ class BagWriter:
         BagError
             If it cannot be written, as on a full disk.
         """
-        try:
+        with self._telling('written'):
             self._writer.write(self._connections[topic], time, data)
-        except OSError as error:
-            raise BagError(f'bag {self.path} cannot be written: {error.strerror}') from error
         self.message_count += 1
 
     def close(self) -> None:
-        """Write the index and the metadata."""
-        self._writer.close()
+        """
+        Write the index and the metadata.
+
+        Raises
+        ------
+        BagError
+            If they cannot be written, as on a full disk.
+        """
+        with self._telling('completed'):
+            self._writer.close()
 
     def __enter__(self) -> BagWriter:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        # What went wrong first says more than that the bag cannot be completed either.
+        with suppress(BagError) if kind is not None else nullcontext():
+            self.close()
+
+    @contextmanager
+    def _telling(self, what: str) -> Iterator[None]:
+        """Raise as BagError what the disk, or SQLite, has to say."""
+        try:
+            yield
+        except (OSError, sqlite3.Error) as error:
+            reason = getattr(error, 'strerror', None) or error
+            raise BagError(f'bag {self.path} cannot be {what}: {reason}') from error

@@ -83,8 +83,9 @@ class Processes:
             raise ProcessError('\n'.join(faults))
 
     def output(self, name: str) -> str:
-        """Return the last lines that a process printed."""
-        return '\n'.join(self.text(name).splitlines()[-12:])
+        """Return the last lines that a process printed, or that it printed none."""
+        lines = self.text(name).splitlines()[-12:]
+        return '\n'.join(lines) or f'it printed nothing into {self._logs}; is the disk full?'
 
     def text(self, name: str) -> str:
         """Return all that a process printed."""

@@ -1,10 +1,16 @@
 """Bag files, without ROS: what is written comes back, damage is told in a sentence."""
 
+import gc
 import json
+import re
+import resource
 import shutil
 import sqlite3
 import subprocess
 import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -184,6 +190,34 @@ def test_path_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     path = tmp_path / 'file' / 'bag'
     with pytest.raises(BagError, match='cannot be made: Not a directory'):
         BagWriter(path)
+
+
+@contextmanager
+def full_disk(size: int) -> Iterator[None]:
+    """No file may grow beyond a number of bytes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@storages
+@pytest.mark.parametrize('size', [0, 100, 20_000, 300_000])
+def test_full_disk_is_told_in_a_sentence(tmp_path: Path, storage: str, size: int) -> None:
+    path = tmp_path / 'bag'
+    messages = joint_states('/a', 3000, 0.1)
+    with pytest.raises(BagError) as caught, full_disk(size):
+        write_joint_states(path, messages, storage)
+    told = str(caught.value)
+    del caught
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', ResourceWarning)  # rosbags leaves the file open
+        gc.collect()
+    reason = 'File too large' if storage == 'mcap' else 'disk I/O error'
+    said = f'bag {path} cannot be (made|written|completed): {reason}'
+    assert re.fullmatch(said, told)
 
 
 def test_unknown_storage_is_named(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 import pytest
 from fixtures.arm import wait_until
 
-from panodepth_ros.cli.processes import Processes
+from panodepth_ros.cli.processes import ProcessError, Processes
 
 pytestmark = pytest.mark.launch
 
@@ -36,3 +36,12 @@ def test_what_was_started_first_outlives_what_needs_it(tmp_path, monkeypatch):
         wait_until(ready.exists, 'the process')
     processes.stop()
     assert processes.output('newer') == 'in company'
+
+
+def test_process_that_ended_without_a_word_is_told(tmp_path, monkeypatch):
+    (tmp_path / 'mute.py').write_text('def main():\n    return 3\n')
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    processes = Processes(tmp_path)
+    processes.start('node', 'mute', [])
+    with pytest.raises(ProcessError, match=r'(?s)node ended with code 3:.*is the disk full\?'):
+        wait_until(processes.check, 'the end of the process')
