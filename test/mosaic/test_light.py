@@ -114,6 +114,24 @@ def test_what_has_changed_between_the_eyes_is_unknown():
         assert not panorama.image[:, ~seen].any()
 
 
+def test_who_walks_across_the_view_is_noticed():
+    """A dark body comes into view at the left, crosses it in four frames, and is gone."""
+
+    def walker(k, _, frame):
+        at = 26 * (k - 90)
+        if 0 <= at < WIDTH:
+            frame[10:, at : at + 26] = 20.0
+        return frame
+
+    sweep = swept(change=walker)
+    gains, changes = sweep.light_steps()
+    assert (gains == 1.0).all()
+    azimuths = np.array([(azimuth - 0.3) / STEP for azimuth, _, _ in changes])
+    assert azimuths.round().astype(int).tolist() == [90, 91, 92, 93]
+    for panorama in sweep.panoramas().values():
+        assert 10 < (~panorama.geometry.seen).sum() < 40
+
+
 def test_change_beyond_both_eyes_harms_nothing():
     # The eyes are 20 px to the sides of the middle.
     lit = np.where(np.arange(WIDTH) > 72, 1.8, 1.0)[np.newaxis, :, np.newaxis]
