@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, LaserScan, PointCloud2
 from std_msgs.msg import Header
@@ -99,7 +100,13 @@ class Depth(Node):
         for topic in topics:
             kind = KINDS[topic.rpartition('/')[2]]
             self.create_subscription(
-                kind, topic, lambda message, topic=topic: self._on(topic, message), qos.PANORAMAS
+                kind,
+                topic,
+                lambda message, topic=topic: self._on(topic, message),
+                qos.PANORAMAS,
+                event_callbacks=SubscriptionEventCallbacks(
+                    matched=lambda status: self._latecomer.heard(status.current_count_change)
+                ),
             )
         self.get_logger().info(
             f'ready; matching by {self._settings.method}, '

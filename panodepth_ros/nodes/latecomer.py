@@ -1,8 +1,6 @@
-"""Asks the mosaicer for its last panoramas, which a depth node that was restarted has missed."""
+"""Asks the mosaicer for its last panoramas, which are missed if either node was restarted."""
 
 from __future__ import annotations
-
-from typing import Any
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -16,7 +14,10 @@ _PATIENCE = 5
 
 class Latecomer:
     """
-    Calls ``mosaicer/publish_last`` once it is there, until panoramas come or there are none.
+    Calls ``mosaicer/publish_last`` until panoramas come, for half a minute.
+
+    It does so from its start on, and whenever a mosaicer begins to be heard: one that was
+    restarted may have published before that.
 
     Parameters
     ----------
@@ -32,8 +33,14 @@ class Latecomer:
         self._client = node.create_client(Trigger, 'mosaicer/publish_last')
         self._timer = node.create_timer(_PERIOD, self._ask)
 
+    def heard(self, change: int) -> None:
+        """Ask anew if there are more publishers of panoramas than before."""
+        if change > 0:
+            self._left, self._patience = _REQUESTS, _PATIENCE
+            self._timer.reset()
+
     def served(self) -> None:
-        """Ask no more: panoramas have come, or there are none."""
+        """Ask no more: panoramas have come."""
         self._timer.cancel()
 
     def _ask(self) -> None:
@@ -45,8 +52,4 @@ class Latecomer:
         self._left -= 1
         if self._left == 0:
             self.served()
-        self._client.call_async(Trigger.Request()).add_done_callback(self._on_answer)
-
-    def _on_answer(self, future: Any) -> None:
-        if not future.result().success:
-            self.served()
+        self._client.call_async(Trigger.Request())

@@ -12,6 +12,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, LaserScan, PointCloud2
 from std_msgs.msg import Header
+from std_srvs.srv import Trigger
 
 from panodepth_ros.geometry import PanoramaGeometry
 from panodepth_ros.matching import match
@@ -436,3 +437,37 @@ def test_stddev_comes_with_the_scan_and_withholds_vague_beams(ros):
     assert bench.set(allowed_stddev=0.9 * expected).successful
     bench.send(stamp=2)
     assert np.isnan(bench.results(2)['scan'].ranges).all()
+
+
+def serve_panoramas(bench, at_request):
+    """Serve what a mosaicer serves, with panoramas from a certain request on; the requests."""
+    requests = []
+
+    def answer(request, response):
+        requests.append(request)
+        response.success = len(requests) >= at_request
+        if response.success:
+            bench.send()
+        return response
+
+    bench.node.create_service(Trigger, 'mosaicer/publish_last', answer)
+    return requests
+
+
+def test_panoramas_are_asked_for_until_they_come(ros):
+    bench = Bench(ros)
+    requests = serve_panoramas(bench, at_request=2)
+    bench.results()
+    ros.spin_until(bench.depth._latecomer._timer.is_canceled, 'the end of asking')
+    assert len(requests) == 2
+
+
+def test_a_mosaicer_that_is_new_is_asked_for_what_it_may_have_published_before(ros):
+    bench = Bench(ros)
+    bench.send()
+    bench.results()
+    assert bench.depth._latecomer._timer.is_canceled()
+    requests = serve_panoramas(bench, at_request=1)
+    bench.node.create_publisher(Image, 'left/image', 10)
+    bench.results(2)
+    assert len(requests) == 1
