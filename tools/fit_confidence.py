@@ -21,7 +21,9 @@ from panodepth_ros.camera.simulated.furnished import furnished_room
 from panodepth_ros.camera.simulated.room import RoomCamera
 from panodepth_ros.geometry import Panorama, PanoramaGeometry
 from panodepth_ros.matching import confidence, fusion, semiglobal
-from panodepth_ros.matching.semiglobal_costs import grey_noise
+from panodepth_ros.matching.colour_pair import colour_pair
+from panodepth_ros.matching.evaluation import block_of, evidence
+from panodepth_ros.matching.rough import rough_match
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -98,35 +100,35 @@ def samples(
     offsets = [share * (pixel - middle) for share in FURTHER_SHARES] if further else []
     others = [round(middle + sign * offset) for offset in offsets for sign in (-1, 1)]
     images, truth, angles = swept(seed, [pixel, WIDTH - 1 - pixel, *others])
-    look = {
+    photo = {
         'noise': float(rng.uniform(0.5, 4.0)),
         'contrast': float(rng.uniform(0.4, 1.0)),
         'gain': 1.0,
     }
-    images[0] = photographed(images[0], look, rng)
-    look['gain'] = float(rng.choice([1.0, 1.0, 1.06]))
-    images[1] = photographed(images[1], look, rng)
+    images[0] = photographed(images[0], photo, rng)
+    photo['gain'] = float(rng.choice([1.0, 1.0, 1.06]))
+    images[1] = photographed(images[1], photo, rng)
     grey = rng.random() < 0.3
-    images[2:] = [photographed(image, look, rng) for image in images[2:]]
+    images[2:] = [photographed(image, photo, rng) for image in images[2:]]
     if grey:
         images = [np.repeat(image[..., 1:2], 3, axis=2) for image in images]
     left, right, *more = [
         panorama(image, angle) for image, angle in zip(images, angles, strict=True)
     ]
     if further:
-        pair, views, seam = fusion.look(left, right, more, pool)
-        winners = fusion.aggregate_views(pair, views, grey_noise(pair.left_grey), pool)
-        locate = fusion.locator(views, winners)
+        pair, views = fusion.look(left, right, more, pool)
+        winners = fusion.aggregate_views(pair, views, semiglobal.noise_of(pair), pool)
+        locate = fusion.locator(views)
         disparity, _ = fusion.refine_views(pair, views, winners, pool)
     else:
-        pair, seam = semiglobal.cut_open(left, right)
-        pair = semiglobal.equalised(pair, semiglobal.rough_match(pair, pool))
-        winners = semiglobal.aggregate(pair, grey_noise(pair.left_grey), pool)
-        locate = None
-        disparity, _ = semiglobal.refine(pair, winners, pool)
-    borders = semiglobal.bordered(pair, winners)
-    values, _, _ = semiglobal.evidence(borders, winners, 0, ROWS, locate)
-    right_one = np.abs(disparity - np.roll(truth, -seam, axis=1)) <= 1
+        pair = colour_pair(left, right)
+        look = semiglobal.Look.of(pair, rough_match(pair, pool))
+        pair, work = look.equalised(pair), semiglobal.Work.none(*pair.left_grey.shape)
+        disparity, _ = semiglobal.complete(pair, look.noise, work, pool)
+        winners, locate = work.winners, None
+    block = block_of(pair, winners, 0, truth.shape[1])
+    values, _, _ = evidence(block, 0, ROWS, locate)
+    right_one = np.abs(disparity - truth) <= 1
     columns = [value.ravel()[::5].astype(np.float64) for value in values]
     return np.column_stack([*columns, np.ones_like(columns[0])]), right_one.ravel()[::5]
 

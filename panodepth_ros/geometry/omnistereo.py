@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,7 +71,11 @@ def pair_search_range(left: PanoramaGeometry, right: PanoramaGeometry) -> int:
 
 
 def triangulate(
-    column_disparity: npt.NDArray[np.floating], left: PanoramaGeometry, right: PanoramaGeometry
+    column_disparity: npt.NDArray[np.floating],
+    left: PanoramaGeometry,
+    right: PanoramaGeometry,
+    *,
+    threads: int = 1,
 ) -> Points:
     """
     Points from column disparities.
@@ -81,6 +86,8 @@ def triangulate(
         dx on the left panorama's grid, right column minus left column [columns], NaN unmatched.
     left, right : PanoramaGeometry
         The pair.
+    threads : int
+        Threads to use; the result does not depend on it.
 
     Returns
     -------
@@ -120,7 +127,7 @@ def triangulate(
             distance = np.sqrt(a**2 + b**2 + 2 * a * b * np.cos(delta)) / sine
             return np.where(sine > 0, distance, np.nan)
 
-    return _located(distances, left)
+    return _located(distances, left, threads)
 
 
 def locate(radial_distance: npt.NDArray[np.floating], panorama: PanoramaGeometry) -> Points:
@@ -158,7 +165,9 @@ def locate(radial_distance: npt.NDArray[np.floating], panorama: PanoramaGeometry
 
 
 def _located(
-    distances: Callable[[slice], npt.NDArray[np.floating]], panorama: PanoramaGeometry
+    distances: Callable[[slice], npt.NDArray[np.floating]],
+    panorama: PanoramaGeometry,
+    threads: int = 1,
 ) -> Points:
     """Points from a function that gives the distances of some rows; :func:`locate` has more."""
     beta = panorama.ray_azimuth(np.arange(panorama.columns))
@@ -167,7 +176,8 @@ def _located(
     lens = panorama.arm_radius * np.cos(panorama.ray_angle)
     slope = panorama.slope(np.arange(panorama.rows))[:, np.newaxis]
     distance, azimuth, height = np.empty((3, panorama.rows, panorama.columns))
-    for start in range(0, panorama.rows, _ROWS_AT_ONCE):
+
+    def locate_rows(start: int) -> None:
         rows = slice(start, start + _ROWS_AT_ONCE)
         found = distances(rows)
         with np.errstate(invalid='ignore'):
@@ -178,6 +188,10 @@ def _located(
             # β is within a turn, asin within a quarter.
             alpha = np.where(alpha < -np.pi, alpha + 2 * np.pi, alpha)
             azimuth[rows] = np.where(alpha >= np.pi, alpha - 2 * np.pi, alpha)
+
+    with ThreadPoolExecutor(threads) as pool:
+        for _ in pool.map(locate_rows, range(0, panorama.rows, _ROWS_AT_ONCE)):
+            pass
     return Points(radial_distance=distance, azimuth=azimuth, height=height)
 
 

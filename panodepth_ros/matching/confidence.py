@@ -92,8 +92,8 @@ def agreement_in_colour(
     ----------
     best, agreed : ndarray of int16
         As in :func:`agreement`.
-    image : ndarray of uint8, shape (3, H, W)
-        Colours.
+    image : ndarray of uint8, shape (3, H, W + 2·ALIKE_COLUMNS)
+        Colours, with a border.
     seen : ndarray of bool, shape (W + 2·ALIKE_COLUMNS,)
         Columns that a frame saw, with a border.
     start, stop : int
@@ -104,27 +104,26 @@ def agreement_in_colour(
     """
     rows, columns = best.shape
     side = ALIKE_COLUMNS
-    wide = np.empty((3, columns + 2 * side), np.uint8)
+    core = slice(side, side + columns)
     votes, alike = np.empty(columns, np.uint8), np.empty(columns, np.uint8)
     for y in range(start, stop):
         here = best[y]
-        blue, green, red = image[0, y], image[1, y], image[2, y]
+        blue, green, red = image[0, y, core], image[1, y, core], image[2, y, core]
         votes[:] = uint8(0)
         alike[:] = uint8(0)
         for j in range(-ALIKE_ROWS, ALIKE_ROWS + 1):
             other = min(max(y + j, 0), rows - 1)
-            wide[:, side : side + columns] = image[:, other]
-            for k in range(side):
-                wide[:, side - 1 - k] = image[:, other, (columns - 1 - k) % columns]
-                wide[:, side + columns + k] = image[:, other, k % columns]
             for i in range(0, 2 * side + 1, ALIKE_STRIDE):
                 if j == 0 and i == side:
                     continue
                 there = agreed[y + FAR + j, i : i + columns]
+                there_too = slice(i, i + columns)
                 blues, greens, reds = (
-                    wide[0, i : i + columns], wide[1, i : i + columns], wide[2, i : i + columns]
-                )  # fmt: skip
-                usable = seen[i : i + columns]
+                    image[0, other, there_too],
+                    image[1, other, there_too],
+                    image[2, other, there_too],
+                )
+                usable = seen[there_too]
                 for x in range(columns):
                     b = uint8(max(blue[x], blues[x]) - min(blue[x], blues[x]))
                     g = uint8(max(green[x], greens[x]) - min(green[x], greens[x]))

@@ -17,6 +17,17 @@ import numpy.typing as npt
 
 from panodepth_ros.geometry import Panorama, PanoramaGeometry
 from panodepth_ros.matching import refinement, semiglobal
+from panodepth_ros.matching.aggregation import (
+    Tile,
+    Tiling,
+    Winners,
+    aggregate_costs,
+    colour_cut,
+    surroundings,
+    with_margins,
+)
+from panodepth_ros.matching.colour_pair import ColourPair, colour_pair, wrapped
+from panodepth_ros.matching.evaluation import Block, Estimates, Locate, evaluate, smoothed
 from panodepth_ros.matching.exposure import clipped
 from panodepth_ros.matching.fusion_costs import (
     AFTER,
@@ -41,17 +52,9 @@ from panodepth_ros.matching.fusion_views import (
     view_of,
 )
 from panodepth_ros.matching.interface import Correspondence
-from panodepth_ros.matching.semiglobal import (
-    Bordered,
-    ColourPair,
-    Tile,
-    Winners,
-    colour_cut,
-    surroundings,
-    with_margins,
-    wrapped,
-)
-from panodepth_ros.matching.semiglobal_costs import CENSUS_COLUMNS, CENSUS_ROWS, grey_noise
+from panodepth_ros.matching.rough import rough_match
+from panodepth_ros.matching.semiglobal import Look, noise_of
+from panodepth_ros.matching.semiglobal_costs import CENSUS_COLUMNS, CENSUS_ROWS
 from panodepth_ros.matching.semiglobal_paths import LANES
 from panodepth_ros.matching.simd import WIDE
 
@@ -60,6 +63,8 @@ Float32Array = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.int16]
 Array = npt.NDArray[np.float64]
 
+#: Larger than the pair's, for a margin costs as much for every view.
+TILING = Tiling(reach=192, widest=450, size=9_000_000)
 #: Views with a baseline of at least this share of the pair's help in the sub-column step.
 SUB_COLUMN_BASELINE = 0.7
 #: Coefficients of ``confidence.FEATURES`` for fused costs.
@@ -89,10 +94,10 @@ def match_sweep(
     if not further:
         return semiglobal.match_semiglobal(left, right, further, threads)
     with ThreadPoolExecutor(threads) as pool:
-        pair, views, seam = look(left, right, further, pool)
-        winners = aggregate_views(pair, views, grey_noise(pair.left_grey), pool)
+        pair, views = look(left, right, further, pool)
+        winners = aggregate_views(pair, views, noise_of(pair), pool)
         disparity, probability = refine_views(pair, views, winners, pool)
-    return semiglobal.kept(disparity, probability, seam, clipped(left))
+    return semiglobal.kept(disparity, probability, clipped(left))
 
 
 def prepare() -> None:
@@ -122,18 +127,18 @@ def prepare() -> None:
 
 def look(
     left: Panorama, right: Panorama, further: Sequence[Panorama], pool: ThreadPoolExecutor
-) -> tuple[ColourPair, list[View], int]:
-    """Cut a pair open and see all panoramas from its left one, the right one last; the seam."""
-    pair, seam = semiglobal.cut_open(left, right)
-    rough = semiglobal.rough_match(pair, pool)
-    pair = semiglobal.equalised(pair, rough)
+) -> tuple[ColourPair, list[View]]:
+    """Make a pair ready and see all panoramas from its left one, the right one last."""
+    pair = colour_pair(left, right)
+    rough = rough_match(pair, pool)
+    pair = Look.of(pair, rough).equalised(pair)
     disparity = pair.first + np.arange(pair.candidates, dtype=np.float64)
     ordered = helpful(left.geometry, further)
     *views, last = [
-        view_of(panorama, left.geometry, right.geometry, disparity, seam)
+        view_of(panorama, left.geometry, right.geometry, disparity)
         for panorama in (*ordered, right)
     ]
-    return pair, [*(equalised_view(view, rough, pair.first) for view in views), last], seam
+    return pair, [*(equalised_view(view, rough, pair) for view in views), last]
 
 
 def aggregate_views(
@@ -142,7 +147,7 @@ def aggregate_views(
     """
     Aggregate the costs of all candidates over all views and find the winners of both eyes.
 
-    Parameters as in ``semiglobal.aggregate``; the pair's right eye is one of the views.
+    Parameters as in ``aggregation.aggregate``; the pair's right eye is one of the views.
     """
     places = [_places(view, pair) for view in views]
     shares = shares_of([view.baseline for view in views])
@@ -151,7 +156,9 @@ def aggregate_views(
     def source(tile: Tile) -> ViewCosts:
         return _view_costs_of(pair, views, places, weights, tile, noise)
 
-    return semiglobal.aggregate_costs(pair, noise, pool, source)
+    winners = Winners.none(*pair.left_grey.shape)
+    aggregate_costs(pair, noise, pool, winners, TILING.sides(pair), source)
+    return winners
 
 
 def _places(view: View, pair: ColourPair) -> tuple[Indices, Indices]:
@@ -195,7 +202,7 @@ def _view_costs_of(
     images = np.empty((len(views), 4, around.size, wide + WIDE + BEFORE + AFTER), np.uint8)
     seen = np.empty((len(views), PHASES, wide), np.bool_)
     for number, view in enumerate(views):
-        begin = start + int(whole[number]) + view.seam
+        begin = start + int(whole[number])
         edge = begin - CENSUS_COLUMNS - BEFORE
         images[number] = view.part(around, edge, edge + images.shape[3])
         usable = wrapped(view.seen, begin - BEFORE, begin + wide + AFTER)
@@ -244,26 +251,29 @@ def _left_of(pair: ColourPair, part: Tile, noise: float) -> tuple[Bytes, Bytes, 
 def refine_views(
     pair: ColourPair, views: Sequence[View], winners: Winners, pool: ThreadPoolExecutor
 ) -> tuple[Float32Array, Float32Array]:
-    """Find sub-column disparities and probabilities as ``semiglobal.refine``, with all views."""
-    return semiglobal.refine(
-        pair, winners, pool, locate=locator(views, winners), coefficients=COEFFICIENTS
-    )
+    """Find sub-column disparities and probabilities, shape (H, W), with all views."""
+    estimates = Estimates.none(*winners.best.shape)
+    evaluate(
+        pair, winners, pool, estimates, TILING.sides(pair),
+        locate=locator(views), coefficients=COEFFICIENTS,
+    )  # fmt: skip
+    return smoothed(pair, winners, estimates, pool), estimates.probability
 
 
-def locator(views: Sequence[View], winners: Winners) -> semiglobal.Locate:
+def locator(views: Sequence[View]) -> Locate:
     """What finds fractions and weights of some rows in all views that tell them."""
     helpers = [view for view in views[:-1] if view.baseline >= SUB_COLUMN_BASELINE]
     # As certain as one view of the pair's baseline: the left eye's noise is in all of them.
     total = 1 + sum(view.baseline**2 for view in helpers)
 
     def locate(
-        images: Bordered, start: int, stop: int, fraction: Float32Array, weight: Float32Array
+        block: Block, start: int, stop: int, fraction: Float32Array, weight: Float32Array
     ) -> None:
-        refinement.locate(images.left, images.right, winners.best, start, stop, fraction, weight)
+        refinement.locate(block.left, block.right, block.winners, start, stop, fraction, weight)
         fraction *= weight
         for view in helpers:
             add_view(
-                images.left, view.grey, view.seam, winners.best, view.shift, view.row_scale,
+                block.left, view.grey, block.start, block.winners, view.shift, view.row_scale,
                 *view.principal_rows, start, stop, fraction, weight,
             )  # fmt: skip
         np.divide(fraction, weight, out=fraction, where=weight > 0)

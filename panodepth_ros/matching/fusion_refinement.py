@@ -101,7 +101,7 @@ def _multiply(
 
 @kernel
 def _correlate(
-    left: Bytes, grey: Bytes, seam: int, best: npt.NDArray[np.uint16], shift: Array,
+    left: Bytes, grey: Bytes, offset: int, best: npt.NDArray[np.uint16], shift: Array,
     row_scale: Array, left_row: float, view_row: float, y: int, numerators: Array,
     variances: Array, spreads: Array,
 ) -> None:  # fmt: skip
@@ -115,11 +115,11 @@ def _correlate(
     _running_sums(left[y : y + SIDE], left_totals, left_squares)
     count = int64(SIDE * SIDE)
     previous, begin = -1, int64(0)
-    for x in range(columns):
+    for x in range(best.shape[1]):
         k = int64(best[y, x])
         if k != previous:
             previous = k
-            begin = int64(np.floor(shift[k] + 0.5)) + seam - HALF_WINDOW - 1
+            begin = int64(np.floor(shift[k] + 0.5)) + offset - HALF_WINDOW - 1
             _rows_of_window(y, row_scale[k], left_row, view_row, rows - 1, upper, part)
             for i in range(RING):
                 _read(
@@ -162,7 +162,7 @@ def _correlate(
 
 @kernel
 def add_view(
-    left: Bytes, grey: Bytes, seam: int, best: npt.NDArray[np.uint16], shift: Array,
+    left: Bytes, grey: Bytes, offset: int, best: npt.NDArray[np.uint16], shift: Array,
     row_scale: Array, left_row: float, view_row: float, start: int, stop: int,
     sums: Float32Array, weights: Float32Array,
 ) -> None:  # fmt: skip
@@ -175,9 +175,9 @@ def add_view(
         Grey levels with a border of n, half a window.
     grey : ndarray of uint8, shape (H, W)
         The view's grey levels.
-    seam : int
+    offset : int
         The view's column at the left column 0.
-    best : ndarray of uint16, shape (H, W)
+    best : ndarray of uint16, shape (H, w)
         Winning candidate.
     shift, row_scale : ndarray of float64, shape (K,)
     left_row, view_row : float
@@ -187,13 +187,13 @@ def add_view(
     sums, weights : ndarray of float32, shape (stop − start, W)
         Σ w·f and Σ w, to which the view's are added.
     """
-    columns = grey.shape[1]
+    columns = best.shape[1]
     numerators, variances, rho = np.zeros((3, 3, -(-columns // LANES) * LANES))
     spreads = np.empty(columns)
     last = shift.size - 1
     for y in range(start, stop):
         _correlate(
-            left, grey, seam, best, shift, row_scale, left_row, view_row, y, numerators,
+            left, grey, offset, best, shift, row_scale, left_row, view_row, y, numerators,
             variances, spreads,
         )  # fmt: skip
         _coefficients(numerators, variances, rho)

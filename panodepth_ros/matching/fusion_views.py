@@ -17,15 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from panodepth_ros.geometry import Panorama, PanoramaGeometry
+from panodepth_ros.matching.colour_pair import ColourPair, bridged, wrapped
 from panodepth_ros.matching.exposure import level_tables
-from panodepth_ros.matching.semiglobal import (
-    ROUGH_SCALE,
-    RoughMatch,
-    bridged,
-    small,
-    small_seen,
-    wrapped,
-)
+from panodepth_ros.matching.rough import ROUGH_SCALE, RoughMatch, small, small_seen
 
 Bytes = npt.NDArray[np.uint8]
 Array = npt.NDArray[np.float64]
@@ -43,20 +37,18 @@ LEAST_SHARE = 0.03
 @dataclass(frozen=True, eq=False, slots=True)
 class View:
     """
-    A panorama as seen from the left one. Columns count from the pair's seam.
+    A panorama as seen from the left one.
 
     Attributes
     ----------
     image : ndarray of uint8, shape (H, W, 3) or (H, W)
-        Colours or grey levels as they were taken, from the panorama's own column 0.
+        Colours or grey levels as they were taken.
     tables : ndarray of uint8, shape (3, 256), or None
         What gives the colours the pair's brightness.
     grey : ndarray of uint8, shape (H, W)
         Grey levels of the pair's brightness, interpolated across columns that were not seen.
     seen : ndarray of bool, shape (W,)
-        Whether a frame saw the column, likewise.
-    seam : int
-        The panorama's own column at the pair's seam.
+        Whether a frame saw the column.
     shift : ndarray of float64, shape (candidates,)
         Candidate k of the left column x is at column x + shift[k].
     row_scale, principal_rows : ndarray of float64, shape (candidates,); tuple of float
@@ -69,7 +61,6 @@ class View:
     tables: Bytes | None
     grey: Bytes
     seen: npt.NDArray[np.bool_]
-    seam: int
     shift: Array
     row_scale: Array
     principal_rows: tuple[float, float]
@@ -153,7 +144,6 @@ def view_of(
     left: PanoramaGeometry,
     right: PanoramaGeometry,
     disparity: Array,
-    seam: int,
 ) -> View:
     """
     See a panorama from the left one of a symmetric pair.
@@ -166,8 +156,6 @@ def view_of(
         The pair.
     disparity : ndarray of float64, shape (candidates,)
         Column disparity of each candidate, inside the pair's search range.
-    seam : int
-        The left panorama's column at which columns begin to count.
     """
     here = panorama.geometry
     radius, step = left.arm_radius, left.column_step
@@ -184,7 +172,6 @@ def view_of(
         tables=None,
         grey=_grey(panorama.image, here.seen),
         seen=here.seen,
-        seam=seam,
         shift=shift,
         row_scale=scale,
         principal_rows=(left.principal_row, here.principal_row),
@@ -192,17 +179,17 @@ def view_of(
     )
 
 
-def equalised_view(view: View, rough: RoughMatch | None, first: int) -> View:
+def equalised_view(view: View, rough: RoughMatch | None, pair: ColourPair) -> View:
     """Give a view the brightness of the right eye, judged by the pair's rough match."""
     if rough is None:
         return view
-    image = small(np.roll(view.image, -view.seam, axis=1))
-    candidate = np.clip(ROUGH_SCALE * rough.disparity - first, 0, view.shift.size - 1)
+    image = small(view.image, pair.seam)
+    candidate = np.clip(ROUGH_SCALE * rough.disparity - pair.first, 0, view.shift.size - 1)
     ratio = view.seen.size / image.shape[1]
     rows = view.rows(ROUGH_SCALE * rough.y, candidate) / ROUGH_SCALE
     rows = np.clip(np.rint(rows), 0, image.shape[0] - 1).astype(np.intp)
     columns = np.rint(rough.x + view.shift[candidate] / ratio).astype(np.intp) % image.shape[1]
-    seen = small_seen(np.roll(view.seen, -view.seam))[columns]
+    seen = small_seen(view.seen, pair.seam)[columns]
     found = image[rows[seen], columns[seen]]
     found = found.T if image.ndim == 3 else np.stack([found] * 3)
     tables = level_tables(found, rough.right[:, seen])

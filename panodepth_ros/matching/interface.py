@@ -185,7 +185,11 @@ def window_geometry(geometry: PanoramaGeometry) -> PanoramaGeometry:
 
 
 def triangulate_match(
-    matched: Correspondence, left: PanoramaGeometry, right: PanoramaGeometry
+    matched: Correspondence,
+    left: PanoramaGeometry,
+    right: PanoramaGeometry,
+    *,
+    threads: int = 1,
 ) -> Points:
     """
     Points of a match.
@@ -196,6 +200,8 @@ def triangulate_match(
         Made of the pair, H × W.
     left, right : PanoramaGeometry
         The pair.
+    threads : int
+        Threads to use; the result does not depend on it.
 
     Returns
     -------
@@ -207,7 +213,8 @@ def triangulate_match(
     ValueError
         If the panoramas are not a pair or the match has another size.
     """
-    return triangulate(matched.column_disparity, window_geometry(left), window_geometry(right))
+    geometries = window_geometry(left), window_geometry(right)
+    return triangulate(matched.column_disparity, *geometries, threads=threads)
 
 
 def _grey(panorama: Panorama) -> npt.NDArray[np.uint8]:

@@ -206,11 +206,10 @@ def _padded(columns: int) -> int:
 
 @kernel
 def smooth_columns(
-    disparity: Float32Array, weight: Float32Array, steps: npt.NDArray[np.int16], image: Bytes,
-    start: int, stop: int,
-) -> None:  # fmt: skip
+    disparity: Float32Array, weight: Float32Array, steps: npt.NDArray[np.int16], image: Bytes
+) -> None:
     """
-    Smooth along the columns start … stop − 1.
+    Smooth along the columns.
 
     Parameters
     ----------
@@ -221,17 +220,13 @@ def smooth_columns(
         Whole candidates: neighbours that differ by more than one do not pull.
     image : ndarray of uint8, shape (3, H, W)
         Colours: edges hold the pull off.
-    start, stop : int
-        Columns to handle.
     """
-    rows = disparity.shape[0]
-    width = stop - start
-    ratio = np.empty((rows, width), np.float32)
-    pull = np.zeros(width, np.float32)
+    rows, columns = disparity.shape
+    ratio = np.empty((rows, columns), np.float32)
+    pull = np.zeros(columns, np.float32)
     for y in range(rows):
-        for k in range(width):
-            x = start + k
-            above = pull[k]
+        for x in range(columns):
+            above = pull[x]
             below = np.float32(0)
             if y + 1 < rows and abs(int32(steps[y + 1, x]) - int32(steps[y, x])) <= 1:
                 edge = int32(0)
@@ -242,30 +237,30 @@ def smooth_columns(
             right_side = weight[y, x] * disparity[y, x]
             diagonal = weight[y, x] + above + below
             if y > 0:
-                diagonal -= above * ratio[y - 1, k]
+                diagonal -= above * ratio[y - 1, x]
                 carried = above * disparity[y - 1, x]
-            ratio[y, k] = below / diagonal
+            ratio[y, x] = below / diagonal
             disparity[y, x] = (right_side + carried) / diagonal
-            pull[k] = below
+            pull[x] = below
     for y in range(rows - 2, -1, -1):
-        for k in range(width):
-            disparity[y, start + k] += ratio[y, k] * disparity[y + 1, start + k]
+        for x in range(columns):
+            disparity[y, x] += ratio[y, x] * disparity[y + 1, x]
 
 
 @kernel
 def smooth_rows(
     disparity: Float32Array, weight: Float32Array, steps: npt.NDArray[np.int16], image: Bytes,
-    start: int, stop: int, overlap: int,
+    start: int, stop: int, seam: int, overlap: int,
 ) -> None:  # fmt: skip
     """
     Smooth along the rows start … stop − 1, which wrap around.
 
-    Parameters as in :func:`smooth_columns`; a row is solved together with ``overlap`` columns
-    beyond either end.
+    Parameters as in :func:`smooth_columns`; a row is solved from the column ``seam`` on, together
+    with ``overlap`` columns beyond either end.
     """
     columns = disparity.shape[1]
     length = columns + 2 * overlap
-    numbers = (np.arange(length + 1) - overlap) % columns
+    numbers = (np.arange(length + 1) + seam - overlap) % columns
     ratio = np.empty(length, np.float32)
     value = np.empty(length, np.float32)
     for y in range(start, stop):
@@ -289,7 +284,8 @@ def smooth_rows(
             before = after
         for k in range(length - 2, -1, -1):
             value[k] += ratio[k] * value[k + 1]
-        disparity[y] = value[overlap : overlap + columns]
+        for k in range(overlap, overlap + columns):
+            disparity[y, numbers[k]] = value[k]
 
 
 #: Winners in the row within as many columns say where a disparity may lie.

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from numba import int16, types, uint8
 from numba.extending import overload
 
+from panodepth_ros.matching.colour_pair import wrapped
 from panodepth_ros.matching.compiled import kernel
 from panodepth_ros.matching.simd import (
     WIDE,
@@ -47,33 +48,58 @@ CENSUS_PLANES = 8
 LOW_NOISE_CUT, HIGH_NOISE_CUT = 30, 60
 #: Grey noise above which the colour difference is not doubled [grey levels].
 HIGH_NOISE = 1.8
+#: What noise is taken for, whatever it is [grey levels].
+NOISE_STEPS = (0.0, 1.0, HIGH_NOISE, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
 #: Rows in the middle that the noise is judged by.
 NOISE_ROWS = 120
+#: Columns beyond either end that the noise of a column is judged by.
+NOISE_BORDER = 5
 #: Largest cost of a candidate: 60 of colour, 62 of census.
 LARGEST_COST = 122
 #: Cost of a candidate in a column that nobody saw: between a good match and a bad one.
 UNSEEN_COST = 45
 
 
-def grey_noise(grey: Bytes) -> float:
+def grey_noise(grey: Bytes, seen: Seen) -> float:
     """
-    Standard deviation of the noise of a grey image [grey levels].
+    Standard deviation of the noise of a grey panorama [grey levels].
 
+    Parameters
+    ----------
+    grey : ndarray of uint8, shape (H, W)
+    seen : ndarray of bool, shape (W,)
+        Columns that count; they wrap around.
+
+    Notes
+    -----
     The mean of a mask that no plane passes, over windows of 9 × 9 pixels without clipped ones;
     the calmest tenth of the windows is taken for free of texture. Immerkær, "Fast noise variance
     estimation", 1996.
     """
     middle = grey.shape[0] // 2
     grey = grey[max(middle - NOISE_ROWS // 2, 0) : middle + NOISE_ROWS // 2]
+    grey = wrapped(grey, -NOISE_BORDER, seen.size + NOISE_BORDER)
+    unseen = ~wrapped(seen, -NOISE_BORDER, seen.size + NOISE_BORDER)
     mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
     response = np.abs(cv2.filter2D(grey, cv2.CV_32F, mask, borderType=cv2.BORDER_REFLECT))
-    clipped = ((grey <= 8) | (grey >= 247)).astype(np.uint8)
-    usable = cv2.blur(clipped, (9, 9)) == 0
+    clipped = ((grey <= 8) | (grey >= 247) | unseen).astype(np.uint8)
+    core = slice(NOISE_BORDER, -NOISE_BORDER)
+    usable = cv2.dilate(clipped, np.ones((9, 9), np.uint8))[:, core] == 0
     if not usable.any():
         return 0.0
-    responses = cv2.blur(response, (9, 9))[usable]
+    responses = cv2.blur(response, (9, 9))[:, core][usable]
     tenth = responses.size // 10
     return float(np.partition(responses, tenth)[tenth]) * math.sqrt(math.pi / 2) / 6
+
+
+def noise_step(noise: float) -> float:
+    """
+    Nearest of ``NOISE_STEPS``, but never across ``HIGH_NOISE``.
+
+    So coarse that it is known before the last columns of a turn have come.
+    """
+    nearest = min(NOISE_STEPS, key=lambda step: abs(step - noise))
+    return min(nearest, HIGH_NOISE) if noise <= HIGH_NOISE else max(nearest, 2.0)
 
 
 @kernel

@@ -264,18 +264,18 @@ def disagreement(best: Totals, right_best: Names, first: int, eyes: Bytes) -> No
 
     Parameters
     ----------
-    best : ndarray of uint16, shape (H, W)
-        Winning candidate of each left pixel.
+    best : ndarray of uint16, shape (H, w)
+        Winning candidate of each left pixel of some columns.
     right_best : ndarray of uint32, shape (H, W)
         The right pixels' winners as ``match_tile`` names them.
     first : int
-        Candidate k of column x is column (x + first + k) mod W.
-    eyes : ndarray of uint8, shape (H, W)
+        Candidate k of column x of ``best`` is column (x + first + k) mod W.
+    eyes : ndarray of uint8, shape (H, w)
         Receives the difference, at most 255.
     """
-    columns = best.shape[1]
+    columns = right_best.shape[1]
     for y in range(best.shape[0]):
-        for x in range(columns):
+        for x in range(best.shape[1]):
             winner = int32(best[y, x])
             there = int32(right_best[y, (x + first + winner) % columns] & uint32(0xFFFF))
             eyes[y, x] = uint8(min(abs(there - winner), 255))

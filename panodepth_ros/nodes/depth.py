@@ -172,13 +172,17 @@ class Depth(Node):
         header = messages['left/image'].header
         left, right, *further = (read_panorama(messages, name) for name in self._panoramas)
         check_pair(left.geometry, right.geometry)
-        matched = match(
-            left,
-            right,
-            further=further,
-            method=parameters.method,
-            threads=parameters.threads,
-        )
+        matched = None
+        if parameters.method == 'semiglobal' and not further:
+            matched = self._sectors.whole_match(left, right, header, threads=parameters.threads)
+        if matched is None:
+            matched = match(
+                left,
+                right,
+                further=further,
+                method=parameters.method,
+                threads=parameters.threads,
+            )
         points, ranges, beam_stddev = _scan_of(matched, left.geometry, right.geometry, parameters)
         settings = parameters.scan_settings()
         self._tell_of_gaps(settings.beams, left.geometry.columns)
@@ -232,7 +236,7 @@ def _scan_of(
 ) -> tuple[Points, Ranges, Ranges]:
     """Points of a match, ranges of the scan, and their standard deviations."""
     settings = parameters.scan_settings()
-    points = triangulate_match(matched, left, right)
+    points = triangulate_match(matched, left, right, threads=parameters.threads)
     ranges = laser_ranges(points, matched.confidence, settings)
     ranges, stddev = scan_with_stddev(
         ranges,

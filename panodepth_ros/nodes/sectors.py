@@ -33,14 +33,25 @@ class _Growing:
 
     def __init__(self, start: int, rows: int, columns: int) -> None:
         self.start = self._newest = start
+        self.shape = rows, columns
         self.match = GrowingMatch(rows, columns)
         self.time = np.zeros(columns, np.int64)
         self.finished = False
+
+    def is_of(self, left: Panorama, stamp: int) -> bool:
+        """Whether a left panorama whose newest frame has this stamp [ns] is of this sweep."""
+        begun = abs(_start_of(left, stamp) - self.start) <= _SAME_START
+        return begun and left.image.shape[:2] == self.shape
 
     def see(self, seen: npt.NDArray[np.bool_], stamp: int) -> None:
         """Note the columns that have come since the last time, as old as they may be."""
         self.time[seen & (self.time == 0)] = self._newest
         self._newest = stamp
+
+
+def _start_of(left: Panorama, stamp: int) -> int:
+    """When the sweep began whose newest frame has this stamp [ns]."""
+    return stamp - round(left.geometry.sweep_duration * 1e9)
 
 
 class Sectors:
@@ -131,12 +142,50 @@ class Sectors:
             return  # while this pair waited
         growing.match.add(left, right, threads=threads)
         growing.see(left.geometry.seen, stamp)
+        if not self._is_heard():
+            return
         matched, pair = growing.match, (left.geometry, right.geometry)
         if matched.ready.any():
             columns = columns_of_beams(left.geometry, settings)
             decided = np.all(matched.ready[columns], axis=1)
-            self._take(decided, measure(matched.matched, *pair), growing, pair, settings)
+            ranges = measure(matched.so_far(threads=threads), *pair)
+            self._take(decided, ranges, growing, pair, settings)
         self._publish(header, growing.start, left.geometry.sweep_duration, settings)
+
+    def _is_heard(self) -> bool:
+        """Whether anybody listens to what is published here."""
+        publishers = self._publisher, self._age_publisher
+        return any(publisher.get_subscription_count() for publisher in publishers)
+
+    def whole_match(
+        self, left: Panorama, right: Panorama, header: Header, *, threads: int
+    ) -> Correspondence | None:
+        """
+        Match the pair of a finished sweep, with what was matched while it grew.
+
+        Parameters
+        ----------
+        left, right : Panorama
+            The pair.
+        header : std_msgs.msg.Header
+            Of its messages.
+        threads : int
+            Threads that match.
+
+        Returns
+        -------
+        Correspondence or None
+            Bit by bit that of :func:`panodepth_ros.matching.match`; None if nothing was.
+
+        Raises
+        ------
+        ValueError
+            If the panoramas are not a pair or too small.
+        """
+        growing = self._growing
+        if growing is None or not growing.is_of(left, to_nanoseconds(header.stamp)):
+            return None
+        return growing.match.finish(left, right, threads=threads)
 
     def finish(
         self,
@@ -159,9 +208,8 @@ class Sectors:
         self._publish(header, growing.start, left.geometry.sweep_duration, settings)
 
     def _sweep_of(self, left: Panorama, stamp: int) -> _Growing:
-        start = stamp - round(left.geometry.sweep_duration * 1e9)
-        if self._growing is None or abs(start - self._growing.start) > _SAME_START:
-            self._growing = _Growing(start, left.geometry.rows, left.geometry.columns)
+        if self._growing is None or not self._growing.is_of(left, stamp):
+            self._growing = _Growing(_start_of(left, stamp), *left.image.shape[:2])
         return self._growing
 
     def _take(

@@ -13,7 +13,8 @@ from matching_scenes import pair_of, texture
 
 from benchmarks import accuracy, scenes
 from panodepth_ros.geometry import Panorama, PanoramaGeometry
-from panodepth_ros.matching import Correspondence, fusion, match, semiglobal
+from panodepth_ros.matching import Correspondence, aggregation, fusion, match, semiglobal
+from panodepth_ros.matching.aggregation import Tiling
 from panodepth_ros.matching.fusion_views import view_of
 
 Array = npt.NDArray[np.float64]
@@ -120,7 +121,7 @@ def test_view_shows_a_point_where_its_ray_passes(angle: float) -> None:
     for azimuth, distance, height in ((0.3, 0.5, 0.1), (-2.0, 1.3, -0.2), (1.0, 6.0, 0.9)):
         places = [seen_at(eye, azimuth, distance, height) for eye in (left, right, other)]
         disparity = np.array([places[1][0] - places[0][0]])
-        view = view_of(Panorama(image, other), left, right, disparity, seam=0)
+        view = view_of(Panorama(image, other), left, right, disparity)
         assert places[0][0] + view.shift[0] == pytest.approx(places[2][0], abs=1e-6)
         row = view.rows(np.array([places[0][1]]), np.array([0]))[0]
         assert row == pytest.approx(places[2][1], abs=1e-6)
@@ -173,8 +174,8 @@ def test_rolling_all_panoramas_rolls_the_result(
 def test_tiles_hardly_show(monkeypatch: pytest.MonkeyPatch) -> None:
     left, right, further = sweep(0.8, noise=6.0)
     whole = match(left, right, further=further).column_disparity
-    monkeypatch.setattr(semiglobal, 'TILE_ROWS', 16)
-    monkeypatch.setattr(semiglobal, 'FEWEST_TILES', 30)
+    monkeypatch.setattr(aggregation, 'TILE_ROWS', 16)
+    monkeypatch.setattr(fusion, 'TILING', Tiling(reach=8, widest=24, size=9_000_000))
     tiled = match(left, right, further=further).column_disparity
     assert np.nanmax(np.abs(tiled - whole)) < 0.5
     assert np.mean(np.isfinite(tiled) != np.isfinite(whole)) < 0.005
@@ -249,7 +250,7 @@ def test_unusable_panoramas_are_named() -> None:
 
 def test_prepare_leaves_nothing_to_compile() -> None:
     fusion.prepare()
-    kernels = [semiglobal.match_tile, fusion.add_view]
+    kernels = [aggregation.match_tile, fusion.add_view]
     compiled = [len(kernel.signatures) for kernel in kernels]
     assert min(compiled) > 0
     left, right, further = sweep(1.0)

@@ -13,13 +13,17 @@ from matching_scenes import noise_image, pair_of, shifted_pair, texture
 from panodepth_ros.geometry import Panorama
 from panodepth_ros.matching import (
     Correspondence,
+    aggregation,
     confidence,
+    evaluation,
     exposure,
     match,
     refinement,
     semiglobal,
     semiglobal_paths,
 )
+from panodepth_ros.matching.aggregation import PAIR_TILING, Tiling, Winners, aggregate
+from panodepth_ros.matching.colour_pair import colour_pair
 
 ROWS, COLUMNS, CANDIDATES = 40, 320, 45
 
@@ -153,7 +157,8 @@ def test_agreement_in_colour_counts_seen_neighbours_of_like_colour_around_the_tu
     agreed = np.pad(best, ((far, far), (0, 0)), mode='edge').take(across, axis=1, mode='wrap')
     found = np.empty((rows, columns), np.float32)
     wrapped_seen = seen.take(across, mode='wrap')
-    confidence.agreement_in_colour(best, agreed, image, wrapped_seen, 0, rows, found)
+    bordered = image.take(across, axis=2, mode='wrap')
+    confidence.agreement_in_colour(best, agreed, bordered, wrapped_seen, 0, rows, found)
     for y, x in ((0, 0), (4, 39), (8, 20), (5, 3)):
         votes, alike = 0, 1
         for j in range(-confidence.ALIKE_ROWS, confidence.ALIKE_ROWS + 1):
@@ -238,8 +243,7 @@ def test_rolling_both_panoramas_rolls_the_result(columns_rolled: int) -> None:
 
 
 def test_threads_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(semiglobal, 'ROW_BAND', 7)
-    monkeypatch.setattr(semiglobal, 'COLUMN_BAND', 9)
+    monkeypatch.setattr(evaluation, 'ROW_BAND', 7)
     left, right = wandering_pair(noise=3.0)
     one = matched(pair_of(left, right, CANDIDATES), threads=1)
     three = matched(pair_of(left, right, CANDIDATES), threads=3)
@@ -250,8 +254,8 @@ def test_threads_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_tiles_hardly_show(monkeypatch: pytest.MonkeyPatch) -> None:
     left, right = wandering_pair(noise=3.0)
     whole = matched(pair_of(left, right, CANDIDATES)).column_disparity
-    monkeypatch.setattr(semiglobal, 'TILE_ROWS', 16)
-    monkeypatch.setattr(semiglobal, 'FEWEST_TILES', 30)
+    monkeypatch.setattr(aggregation, 'TILE_ROWS', 16)
+    monkeypatch.setattr(semiglobal, 'PAIR_TILING', Tiling(reach=8, widest=24, size=9_000_000))
     tiled = matched(pair_of(left, right, CANDIDATES)).column_disparity
     np.testing.assert_array_less(np.abs(tiled - whole)[np.isfinite(tiled - whole)], 0.5)
     assert np.mean(np.isfinite(tiled) != np.isfinite(whole)) < 0.005
@@ -394,9 +398,10 @@ def test_aggregation_finds_the_exact_optimum_on_one_row_of_one_path() -> None:
     rng = np.random.default_rng(7)
     image = noise_image(rng, ROWS, COLUMNS)
     pair = pair_of(np.roll(image, -17, axis=1), image, CANDIDATES)
-    opened, _ = semiglobal.cut_open(*pair)
+    ready = colour_pair(*pair)
+    winners = Winners.none(ROWS, COLUMNS)
     with ThreadPoolExecutor(1) as pool:
-        winners = semiglobal.aggregate(opened, 0.0, pool)
-    assert np.all(winners.best + opened.first == 17)
-    assert np.all(winners.eyes == 0)
+        aggregate(ready, 0.0, pool, winners, PAIR_TILING.sides(ready))
+    assert np.all(winners.best + ready.first == 17)
+    assert np.all(winners.eyes(ready.first, 0, COLUMNS) == 0)
     assert winners.margin.min() > 0

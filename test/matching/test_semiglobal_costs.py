@@ -103,8 +103,21 @@ def test_noise_is_estimated_in_spite_of_texture(noise: float) -> None:
     clean = 120 + 0.1 * x + 0.2 * y
     clean[30:60, 100:300] += 40 * np.sin(x[30:60, 100:300] / 2.0)
     grey = np.rint(clean + rng.normal(0, noise, clean.shape)).astype(np.uint8)
-    assert costs.grey_noise(grey) == pytest.approx(noise, rel=0.2)
+    seen = np.ones(400, bool)
+    assert costs.grey_noise(grey, seen) == pytest.approx(noise, rel=0.2)
+    # Columns that nobody saw, here without noise, do not count, nor where the panorama begins.
+    seen[150:250] = False
+    grey[:, ~seen] = 120
+    found = costs.grey_noise(grey, seen)
+    assert found == pytest.approx(noise, rel=0.2)
+    assert costs.grey_noise(np.roll(grey, 37, axis=1), np.roll(seen, 37)) == found
+
+
+def test_noise_has_steps_and_one_of_them_tells_strong_from_weak() -> None:
+    noises = (0.4, 0.6, 1.3, 1.5, 1.8, 1.81, 2.4, 2.6, 4.9, 90.0)
+    found = [costs.noise_step(noise) for noise in noises]
+    assert found == [0.0, 1.0, 1.0, 1.8, 1.8, 2.0, 2.0, 3.0, 4.0, 32.0]
 
 
 def test_a_clipped_image_has_no_noise_to_speak_of() -> None:
-    assert costs.grey_noise(np.full((20, 40), 255, np.uint8)) == 0.0
+    assert costs.grey_noise(np.full((20, 40), 255, np.uint8), np.ones(40, bool)) == 0.0
