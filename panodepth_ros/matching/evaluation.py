@@ -2,7 +2,7 @@
 From winners to sub-column disparities and probabilities, block of columns by block.
 
 What only columns nearby decide is done for a block as soon as they are there; what runs along
-whole rows comes last (``finished``). The blocks do not show.
+whole rows comes last (``smoothed``). The blocks do not show.
 """
 
 from __future__ import annotations

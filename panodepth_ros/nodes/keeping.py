@@ -81,5 +81,9 @@ class SweepKeeper:
     def forget(self) -> None:
         """Remove the file: the sweep has ended."""
         self.pending = False
-        if self._journal is not None:
+        if self._journal is None:
+            return
+        try:
             self._journal.remove()
+        except OSError as error:
+            self._node.get_logger().error(f'state_file cannot be removed: {error}')

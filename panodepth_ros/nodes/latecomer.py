@@ -17,7 +17,8 @@ class Latecomer:
     Calls ``mosaicer/publish_last`` until panoramas come, for half a minute.
 
     It does so from its start on, and whenever a mosaicer begins to be heard: one that was
-    restarted may have published before that.
+    restarted may have published before that. Panoramas that come before anybody hears the scan
+    made of them are asked for once more.
 
     Parameters
     ----------
@@ -40,8 +41,9 @@ class Latecomer:
             self._timer.reset()
 
     def served(self) -> None:
-        """Ask no more: panoramas have come."""
-        self._timer.cancel()
+        """Ask no more: panoramas have come, and what is made of them is heard or will not be."""
+        if self._result.get_subscription_count() or not self._patience:
+            self._timer.cancel()
 
     def _ask(self) -> None:
         if not self._client.service_is_ready():
@@ -51,5 +53,5 @@ class Latecomer:
             return
         self._left -= 1
         if self._left == 0:
-            self.served()
+            self._timer.cancel()
         self._client.call_async(Trigger.Request())

@@ -462,6 +462,20 @@ def test_panoramas_are_asked_for_until_they_come(ros):
     assert len(requests) == 2
 
 
+def test_panoramas_that_came_before_the_scan_was_heard_are_asked_for_again(ros):
+    bench = Bench(ros)
+    (scans,) = (s for s in bench.node.subscriptions if s.topic_name == '/scan')
+    bench.node.destroy_subscription(scans)
+    ros.spin_until(lambda: not bench.depth.count_subscribers('scan'), 'nobody who hears the scan')
+    bench.send()
+    ros.spin_until(lambda: bench.got['depth/image'], 'the match')
+    assert not bench.got['scan']
+    bench.node.create_subscription(LaserScan, 'scan', bench.got['scan'].append, 10)
+    requests = serve_panoramas(bench, at_request=1)
+    bench.results()
+    assert len(requests) == 1
+
+
 def test_a_mosaicer_that_is_new_is_asked_for_what_it_may_have_published_before(ros):
     bench = Bench(ros)
     bench.send()
