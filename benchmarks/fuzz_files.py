@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +19,7 @@ from panodepth_ros.camera.calibration import (
 )
 from panodepth_ros.geometry import PinholeCamera
 from panodepth_ros.mosaic import Rig, Sweep
-from panodepth_ros.mosaic.state import HEADER, MAGIC, SweepJournal, load_state
+from panodepth_ros.mosaic.state import HEADER, MAGIC, SweepJournal, load_state, sealed
 from panodepth_ros.ros.images import decompressed
 
 CAMERA = PinholeCamera(width=21, height=9, fx=30.0, fy=30.0, cx=10.0, cy=4.0)
@@ -54,7 +53,7 @@ def records(whole: bytes) -> list[tuple[int, bytes]]:
     """Return the records of a state: how long the text of each is, text and arrays."""
     found, at = [], len(MAGIC)
     while at < len(whole):
-        length, text, _ = HEADER.unpack_from(whole, at)
+        length, text, *_ = HEADER.unpack_from(whole, at)
         at += HEADER.size
         found.append((text, whole[at : at + length]))
         at += length
@@ -62,11 +61,11 @@ def records(whole: bytes) -> list[tuple[int, bytes]]:
 
 
 def with_record(whole: bytes, number: int, data: bytes) -> bytes:
-    """Return a state with other bytes in one record, and the checksum that they ask for."""
+    """Return a state with other bytes in one record, and the checksums that they ask for."""
     made = MAGIC
     for k, (text, body) in enumerate(records(whole)):
         fresh = data if k == number else body
-        made += HEADER.pack(len(fresh), text, zlib.crc32(fresh)) + fresh
+        made += sealed(fresh, text)
     return made
 
 

@@ -3,7 +3,8 @@ Where the arm stood when: standstills out of a stream of joint states.
 
 A frame belongs to an arm azimuth only if the joint states just before and just after its stamp
 agree that the arm stood still there, and if the arm was seen to arrive: then it is known to have
-settled. That rule needs nothing but the data, so a live sweep and its replay decide alike.
+settled. That rule needs nothing but the data, so a live sweep and its replay decide alike. Who
+leads the arm may know before the next joint state that it stands on.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ class Standstill:
     azimuth : float
         Measured arm azimuth γ [rad], continuous.
     start, end : int
-        Stamps of its first and its last joint state so far [ns].
+        From the stamp of its first joint state to that of its last one so far, or to a later time
+        until which the arm is known to stand [ns].
     arrived : bool
         Whether a motion was seen before it.
     """
@@ -118,7 +120,7 @@ class ArmTrack:
         if velocity:
             self._still = False
         elif self._still and near and same:
-            self._standstills[-1].end = stamp
+            self._standstills[-1].end = max(stamp, self._standstills[-1].end)
         else:
             goes_on = self._still and same  # after a silence
             arrived = self._standstills[-1].arrived if goes_on else self._newest is not None
@@ -144,7 +146,9 @@ class ArmTrack:
         Standstill, str or None
             The standstill; or why there is none; or None if only later joint states can tell.
         """
-        if self._newest is None or stamp > self._newest:
+        current = self.current
+        known = self._newest if current is None else current.end
+        if known is None or stamp > known:
             return None
         if self._first is not None and stamp < self._first:
             return 'no joint state near its stamp'

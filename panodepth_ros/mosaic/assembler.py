@@ -41,11 +41,24 @@ class Assembler(SweepBuilder[ArmTrack]):
         self._served = None
 
     def has_frame_of(self, standstill: Standstill) -> bool:
-        """Whether a frame exposed in a standstill is used or waits for its joint state."""
-        if self._served is not None and self._served >= standstill.start:
-            return True
-        ready = standstill.start + self._settle_time
-        return any(stamp >= ready for stamp, _ in self._pending)
+        """Whether a frame exposed in a standstill is used."""
+        return self._served is not None and self._served >= standstill.start
+
+    def stands_on(self, standstill: Standstill) -> list[Sweep]:
+        """
+        Use the frames that wait for later joint states: the arm stood until they came.
+
+        A leader who has asked for no step knows so. He may ask for one then, for no joint state
+        that is lost with a process that dies or is held up decides about a frame any more.
+
+        Returns
+        -------
+        list of Sweep
+            Sweeps that came to their end.
+        """
+        if self._pending:
+            standstill.end = max(standstill.end, self._pending[-1][0])
+        return self._place_pending()
 
     def take_up(self, sweep: Sweep) -> None:
         """Go on with a sweep of an earlier process; the arm stands and has settled."""

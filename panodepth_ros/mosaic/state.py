@@ -31,9 +31,9 @@ from panodepth_ros.mosaic.view import Mark, by_column
 #: A state that is older is not taken up: much may have changed [s].
 OLDEST = 120.0
 #: With what a file begins.
-MAGIC = b'PANOSWP2'
-#: Of a record: how long it is, and how long its text; CRC-32 of all that follows.
-HEADER = struct.Struct('<III')
+MAGIC = b'PANOSWP3'
+#: Of a record: how long it is, and how long its text; CRC-32 of all that follows; CRC-32 of these.
+HEADER = struct.Struct('<IIII')
 #: Bytes that a state has besides its panoramas, at most, and that may be out of date in any case.
 _OVERHEAD, _SLACK = 1_000_000, 2_000_000
 #: Arrays of which a record holds what was added.
@@ -164,8 +164,7 @@ class SweepJournal:
         self._known = arrays
         about['arrays'] = [(name, a.dtype.str, a.shape) for name, a in news.items()]
         text = json.dumps(about).encode()
-        body = b''.join((text, *(array.tobytes() for array in news.values())))
-        return HEADER.pack(len(body), len(text), zlib.crc32(body)) + body
+        return sealed(b''.join((text, *(array.tobytes() for array in news.values()))), len(text))
 
     def _append(self, data: bytes) -> None:
         assert self._file is not None
@@ -182,6 +181,12 @@ class SweepJournal:
             os.close(self._file)
         self._file, self._sweep, self._mark, self._known = None, None, None, {}
         self._whole = self._size = 0
+
+
+def sealed(body: bytes, text: int) -> bytes:
+    """Make a record of what begins with so many bytes of text."""
+    about = struct.pack('<III', len(body), text, zlib.crc32(body))
+    return about + struct.pack('<I', zlib.crc32(about)) + body
 
 
 def load_state(path: Path, rig: Rig, camera: PinholeCamera) -> State | None:
@@ -235,17 +240,19 @@ def _records(data: bytes) -> Iterator[tuple[dict[str, Any], Arrays]]:
     Raises
     ------
     ValueError
-        If one is damaged that is not the last one, or there is none.
+        If one is damaged, or there is none. One that was not written to its end is as if it had
+        not been begun; that it was not, only a length that is known to be true can tell.
     """
     at, count = len(MAGIC), 0
     while at + HEADER.size <= len(data):
-        length, text, crc = HEADER.unpack_from(data, at)
+        length, text, crc, own_crc = HEADER.unpack_from(data, at)
+        sound = zlib.crc32(data[at : at + HEADER.size - 4]) == own_crc
         at += HEADER.size
         body = data[at : at + length]
         at += length
-        if len(body) < length or zlib.crc32(body) != crc:
-            if at >= len(data):
-                break  # it was not written to its end
+        if sound and len(body) < length:
+            break
+        if not sound or zlib.crc32(body) != crc:
             raise ValueError('the state of the sweep is damaged')
         about = json.loads(body[:text])
         arrays = {}

@@ -68,7 +68,7 @@ class Calibrator(Node):
             self._give_up,
             self._arm_watch,
             lambda _: None,
-            lambda: None,  # its turns take no frame at 360°
+            self._turned,
         )
         self._robot = RobotWatch(
             self, self._assembler, self._settings, lambda: self._turned([]), self._give_up

@@ -256,7 +256,7 @@ class Mosaicer(Node):
             self._give_up,
             self._arm_watch,
             self._keep_sweep,
-            lambda: self._publish(builder.finish()),
+            self._publish,
         )
 
     def _advance(self) -> None:

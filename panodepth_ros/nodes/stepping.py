@@ -9,7 +9,7 @@ from collections.abc import Callable
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from panodepth_ros.mosaic import Assembler, Standstill
+from panodepth_ros.mosaic import Assembler, Standstill, Sweep
 from panodepth_ros.nodes.arm_watch import ArmWatch
 from panodepth_ros.nodes.leading import Leader, TurnWatch
 from panodepth_ros.nodes.stepping_settings import SteppingParameters
@@ -29,8 +29,8 @@ class StepLeader(Leader):
     ----------
     keep : callable
         Called with the arm azimuth [rad] before each step is asked for.
-    finish : callable
-        Called when the sweep ends with the frames that it has.
+    publish : callable
+        Called with sweeps that came to their end.
     """
 
     kind = Trigger
@@ -44,12 +44,12 @@ class StepLeader(Leader):
         give_up: Callable[[str], None],
         watch: ArmWatch,
         keep: Callable[[float], None],
-        finish: Callable[[], None],
+        publish: Callable[[list[Sweep]], None],
     ) -> None:
         super().__init__(node, builder, settings, give_up, watch)
         self._assembler = builder
         self._keep = keep
-        self._finish = finish
+        self._publish = publish
         self._rig = builder.rig
         self._unwind_client = node.create_client(Trigger, 'arm_driver/unwind')
         self._progress = TurnWatch()
@@ -101,6 +101,8 @@ class StepLeader(Leader):
                 f'the arm moved {moved:.4f}° on a step; '
                 f"allowed: the arm's step_deg must be the {self._node.get_name()}'s {columns}°"
             )
+        elif ended := self._assembler.stands_on(standstill):
+            self._publish(ended)
         elif not self._assembler.has_frame_of(standstill):
             if self.waited > settings.frame_timeout:
                 self._complain(f'frame {self._steps} of {frames}')
@@ -200,4 +202,4 @@ class StepLeader(Leader):
     def _do_without_closing_frame(self, reason: str) -> None:
         """End the sweep, which has all its columns, with an arm whose cable ends before 360°."""
         self._node.get_logger().warning(f'{reason}; there is no frame at 360°')
-        self._finish()
+        self._publish(self._assembler.finish())

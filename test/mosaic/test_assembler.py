@@ -258,18 +258,32 @@ def test_calibration_that_does_not_fit_the_columns_is_refused():
         assembler().set_camera(PinholeCamera(width=15, height=7, fx=9, fy=9, cx=7, cy=3))
 
 
-def test_frame_of_a_standstill_is_known_before_and_after_it_is_placed():
+def test_frame_of_a_led_arm_that_stands_on_waits_for_no_joint_state():
     built = assembler()
     events = recording(1)
     play(built, events[:-3])
     standstill = built.track.current
+    assert built.stands_on(standstill) == []
     assert not built.has_frame_of(standstill)
     play(built, events[-3:-1])
-    assert built.has_frame_of(standstill)
+    assert not built.has_frame_of(standstill)
     assert built.sweep is None
-    play(built, events[-1:])
+    assert built.stands_on(standstill) == []
     assert built.has_frame_of(standstill)
-    assert built.sweep is not None
+    assert built.sweep.progress == 1 / COLUMNS
+    play(built, events[-1:])
+    assert built.drops == {'frame: arm moved': 1}
+
+
+def test_joint_states_that_come_late_do_not_shorten_a_standstill():
+    built = assembler()
+    events = recording(1)
+    play(built, events[:-1])
+    standstill = built.track.current
+    built.stands_on(standstill)
+    end = standstill.end
+    built.add_joint_state(end - 1, STEP, 0.0)
+    assert standstill.end == end
 
 
 def test_frames_that_a_driver_held_back_reach_no_column():

@@ -2,7 +2,6 @@
 
 import os
 import time
-import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -222,26 +221,18 @@ def test_old_state_is_refused(tmp_path, sweep, monkeypatch, age):
         state.sweep(RIG, CAMERA)
 
 
-def test_damaged_state_is_refused_or_an_earlier_one(tmp_path):
+def test_damaged_state_is_refused(tmp_path):
     path = tmp_path / 'state'
-    _, _, kept = followed(path)
+    followed(path)
     content = path.read_bytes()
     rng = np.random.default_rng(2)
-    refused = 0
-    for _ in range(300):
+    lengths = [len(states.MAGIC) + k for k in range(states.HEADER.size)]
+    for place in (*lengths, *rng.integers(len(content), size=300)):
         damaged = bytearray(content)
-        damaged[rng.integers(len(damaged))] ^= 1 << rng.integers(8)
+        damaged[place] ^= 1 << rng.integers(8)
         path.write_bytes(damaged)
-        try:
-            found = load_state(path, RIG, CAMERA).sweep(RIG, CAMERA).panoramas()
-        except ValueError:
-            refused += 1
-        else:
-            assert any(
-                all(np.array_equal(found[n].image, eyes[n].image) for n in found)
-                for _, eyes in kept
-            )
-    assert refused > 200
+        with pytest.raises(ValueError, match=r'damaged|no state of a sweep'):
+            load_state(path, RIG, CAMERA)
 
 
 @pytest.mark.parametrize(
@@ -249,7 +240,7 @@ def test_damaged_state_is_refused_or_an_earlier_one(tmp_path):
     [
         (b'', 'no state of a sweep, or of another version'),
         (b'PK\x03\x04 the archive of an earlier version', 'no state of a sweep, or of another'),
-        (b'PANOSWP2', 'ends before it begins'),
+        (b'PANOSWP3', 'ends before it begins'),
     ],
 )
 def test_what_is_no_journal_is_refused(tmp_path, content, said):
@@ -258,10 +249,9 @@ def test_what_is_no_journal_is_refused(tmp_path, content, said):
         load_state(tmp_path / 'state', RIG, CAMERA)
 
 
-def sealed(text, data=b''):
-    """A file of one record whose checksum is right."""
-    body = text.encode() + data
-    return states.MAGIC + states.HEADER.pack(len(body), len(text), zlib.crc32(body)) + body
+def file_of(text, data=b''):
+    """A file of one record whose checksums are right."""
+    return states.MAGIC + states.sealed(text.encode() + data, len(text))
 
 
 @pytest.mark.parametrize(
@@ -276,7 +266,7 @@ def sealed(text, data=b''):
 )
 def test_arrays_that_are_none_are_refused(tmp_path, arrays, said):
     (tmp_path / 'state').write_bytes(
-        sealed(f'{{"time": 0, "azimuth": 0, "sources": [], "arrays": {arrays}}}', bytes(64))
+        file_of(f'{{"time": 0, "azimuth": 0, "sources": [], "arrays": {arrays}}}', bytes(64))
     )
     with pytest.raises(ValueError, match=said):
         load_state(tmp_path / 'state', RIG, CAMERA)

@@ -4,9 +4,11 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from fixtures.diagnostics import Diagnosis
 from fixtures.mosaicer import COLUMNS, Bench, TurningBench
+from fixtures.rig import HEIGHT
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from panodepth_ros.mosaic.state import load_state
 from panodepth_ros.ros.images import to_array
 from panodepth_ros.ros.messages import panorama_geometry
 from panodepth_ros.ros.parameters import ParameterError
@@ -55,6 +57,44 @@ def test_answer_that_overtakes_joint_states_after_a_silence_ends_no_sweep(ros):
     )
     assert bench.mosaicer._leading
     bench.rig.move()
+    bench.rig.frame()
+    bench.rig.standing()
+    geometry = panorama_geometry(bench.sweeps()['left/camera_info'])
+    assert geometry.seen.all()
+
+
+def test_joint_states_that_are_lost_cost_no_column(ros):
+    """As when the mosaicer is held up just after it has asked for a step."""
+    bench = Bench(ros).ready()
+    bench.rig.silent_at = 5
+    bench.start()
+    geometry = panorama_geometry(bench.sweeps()['left/camera_info'])
+    assert geometry.seen.all()
+
+
+def test_column_is_kept_before_the_next_step_is_asked_for(ros, tmp_path):
+    bench = Bench(ros, state_file=str(tmp_path / 'sweep')).ready()
+    bench.rig.frames = False
+    bench.start()
+    ros.spin_until(lambda: bench.rig.steps == 1, 'the first step')
+    bench.rig.frame()
+    ros.spin_until(lambda: bench.rig.steps == 2, 'the second step')
+    builder = bench.mosaicer._assembler
+    state = load_state(tmp_path / 'sweep', builder.rig, builder.camera)
+    assert state.sweep(builder.rig, builder.camera).progress == 1 / COLUMNS
+
+
+def test_frame_that_cannot_be_used_costs_no_column(ros):
+    bench = Bench(ros).ready()
+    bench.rig.frames = False
+    bench.start()
+    ros.spin_until(lambda: bench.rig.steps == 1, 'the first step')
+    bench.rig.frame(height=5)
+    refusal = f'frame is 41 × 5 px; allowed: 41 × {HEIGHT}, as the camera_info says'
+    ros.spin_until(
+        lambda: bench.mosaicer._assembler.drops[refusal] or bench.rig.steps == 2, 'the refusal'
+    )
+    bench.rig.frames = True
     bench.rig.frame()
     bench.rig.standing()
     geometry = panorama_geometry(bench.sweeps()['left/camera_info'])
