@@ -6,7 +6,9 @@ cells of the one frame, displaced like far away points, are compared with those 
 factor per colour for all cells is a gain: a lamp, the camera's exposure or white balance. What
 follows the slope of the cells' brightness is parallax, and no gain. The factors of a sweep without
 changes scatter, by what comes into view and by near things; so only a factor that stands out of
-this scatter is a step, and a gain that drifts by less from frame to frame is none.
+this scatter is a step, and a gain that drifts by less from frame to frame is none. In a full turn
+the last frame shows what the first one has shown, and tells exactly what the light has become: one
+factor of just that, which the others do not come near, is the step even where all scatter.
 
 A change in a part of the view leaves, over more than parallax can uncover, the range of grey
 levels that the frame before had around there. Between the columns of the two eyes things have been
@@ -37,10 +39,14 @@ WIDTH, CELL = 160, 8
 DARKEST, BRIGHTEST = 12, 235
 #: Fewest cells that tell a gain.
 FEWEST_CELLS = 12
-#: Frames displaced by more of the width differ too much by near things and what comes into view.
-LARGEST_SHIFT = 0.04
+#: Frames displaced by more of the width differ too much by near things and what comes into view,
+#: to tell what has changed in a part of the view; and to tell a gain.
+LARGEST_SHIFT, FARTHEST_SHIFT = 0.04, 0.12
 #: A step is larger than this, and than so many median deviations of all factors [log].
 LEAST_STEP, STANDING_OUT = 0.04, 20.0
+#: A step that does not stand out, but explains what a turn made of the light: what it explains of
+#: that at least, and what the next best does at most of what the best does.
+EXPLAINED, NEXT_BEST = 0.5, 0.65
 #: What the steps of a turn may leave unexplained of it [log]; more if they are large.
 UNEXPLAINED = 0.05
 #: Grey levels out of the range of the surroundings that are no noise, and the share of the view
@@ -50,12 +56,13 @@ LEAST_CHANGE, CHANGED_SHARE = 16, 0.01
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Overlap:
-    """What two frames both show, the first one displaced; from where, and how far [px]."""
+    """What two frames both show, the first one displaced; from where, how far [px], if near."""
 
     before: Image
     after: Image
     origin: tuple[int, int]
     shift: tuple[float, float]
+    near: bool
 
     def ratio(self) -> Floats | None:
         """Logarithm of the gain of the second one, shape (channels,); None if it is not told."""
@@ -126,7 +133,7 @@ class Light:
             ratio = both.ratio() if both is not None else None
             channels = 1 if small.ndim == 2 else small.shape[2]
             self._ratios.append(np.zeros(channels) if ratio is None else ratio)
-            if both is not None and ratio is not None:
+            if both is not None and both.near and ratio is not None:
                 self._note_change(both, np.exp(ratio), arm_azimuth)
         self._last = small
         self._azimuths.append(arm_azimuth)
@@ -146,7 +153,7 @@ class Light:
             Arm azimuth of the first frame a full turn on less that of the last one [rad]; NaN if
             the sweep is no full turn. Then the steps must explain the difference of these two
             frames. What little they do not is spread over them; if they do not, the view alone
-            has changed where they were found.
+            has changed where they were found. If none was found, one may be hidden.
 
         Returns
         -------
@@ -159,24 +166,31 @@ class Light:
         ratios = np.array(self._ratios)
         scatter = 1.4826 * np.median(np.abs(ratios - np.median(ratios, axis=0)), axis=0)
         steps = np.any(np.abs(ratios) > np.maximum(LEAST_STEP, STANDING_OUT * scatter), axis=1)
-        ratios[~steps] = 0.0
-        changes = list(self._changes)
-        if steps.any() and math.isfinite(turn):
-            assert self._first is not None
-            assert self._last is not None
-            both = self._overlap(self._last, self._first, turn)
-            back = both.ratio() if both is not None else None
-            if back is not None:
-                left = ratios.sum(axis=0) + back
-                largest = max(UNEXPLAINED, 0.5 * float(np.abs(ratios).max()))
-                if np.abs(left).max() > largest:
-                    ratios[:] = 0.0
-                    changes += [
-                        (self._azimuths[k + 1], -math.pi, math.pi) for k in np.flatnonzero(steps)
-                    ]
-                else:
-                    ratios[steps] -= left / steps.sum()
-        return np.exp(np.vstack([np.zeros(ratios.shape[1]), np.cumsum(ratios, axis=0)])), changes
+        told, changes = np.where(steps[:, np.newaxis], ratios, 0.0), list(self._changes)
+        became = self._became(turn)
+        if became is not None and steps.any():
+            left = told.sum(axis=0) - became
+            largest = max(UNEXPLAINED, 0.5 * float(np.abs(told).max()))
+            if np.abs(left).max() > largest:
+                told[:] = 0.0
+                changes += [
+                    (self._azimuths[k + 1], -math.pi, math.pi) for k in np.flatnonzero(steps)
+                ]
+            else:
+                told[steps] -= left / steps.sum()
+        elif became is not None and (at := _hidden(ratios, became)) is not None:
+            told[at] = became
+        return np.exp(np.vstack([np.zeros(told.shape[1]), np.cumsum(told, axis=0)])), changes
+
+    def _became(self, turn: float) -> Floats | None:
+        """Logarithm of the last frame's gain against the first one, which it shows again."""
+        if not math.isfinite(turn):
+            return None
+        assert self._first is not None
+        assert self._last is not None
+        both = self._overlap(self._last, self._first, turn)
+        back = both.ratio() if both is not None and both.near else None
+        return None if back is None else -back
 
     def _overlap(self, before: Image, after: Image, turn: float) -> _Overlap | None:
         """What two frames both show, an arm's turn [rad] in between; None for too little."""
@@ -184,14 +198,16 @@ class Light:
         ray_angle, slope = camera.rays(camera.cx, camera.cy)
         u, v = camera.project(ray_angle - turn, slope)
         dx, dy = float(u - camera.cx) / self._factor, float(v - camera.cy) / self._factor
-        if not max(abs(dx) / width, abs(dy) / height) <= LARGEST_SHIFT:
+        share = max(abs(dx) / width, abs(dy) / height)
+        if not share <= FARTHEST_SHIFT:
             return None
         move = np.array([[1.0, 0.0, dx], [0.0, 1.0, dy]])
         moved = np.asarray(cv2.warpAffine(before, move, (width, height)))
         left, right = max(0, math.ceil(dx)), width + min(0, math.floor(dx))
         top, bottom = max(0, math.ceil(dy)), height + min(0, math.floor(dy))
         part = np.s_[top:bottom, left:right]
-        return _Overlap(moved[part], after[part], (left, top), (dx, dy))
+        near = share <= LARGEST_SHIFT
+        return _Overlap(moved[part], after[part], (left, top), (dx, dy), near)
 
     def _note_change(self, both: _Overlap, gain: Floats, arm_azimuth: float) -> None:
         u, v = both.changed(gain)
@@ -270,6 +286,16 @@ def _channels(image: Image) -> int:
 
 def _grey(image: Image) -> Image:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)) if image.ndim == 3 else image
+
+
+def _hidden(ratios: Floats, became: Floats) -> int | None:
+    """Which of the ratios (N, channels) alone is what the light became; None if none is."""
+    if np.abs(became).max() <= LEAST_STEP or len(ratios) < 2:
+        return None
+    explained = ratios @ became / (became @ became)
+    best = int(np.argmax(explained))
+    clear = np.delete(explained, best).max() <= NEXT_BEST * explained[best]
+    return best if clear and explained[best] >= EXPLAINED else None
 
 
 def _step(before: Floats, after: Floats) -> float | None:

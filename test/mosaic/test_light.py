@@ -41,7 +41,7 @@ def swept(gain=lambda k: 1.0, change=None, direction=1, rig=rig, noise=1.5):
     """A turn with gains of its frames, and with changes of them."""
     sweep, rng = Sweep(rig(), CAMERA, 0.3), np.random.default_rng(2)
     for k in range(sweep.rig.sweep_steps):
-        azimuth = 0.3 + direction * k * STEP
+        azimuth = 0.3 + direction * k * sweep.rig.column_step
         frame = scene(azimuth) * np.asarray(gain(k))
         if change is not None:
             frame = change(k, azimuth, frame)
@@ -88,6 +88,49 @@ def test_steps_of_the_gain_are_removed(direction, closing):
         off = np.abs(panorama.image.astype(float) - true[name].image).mean(axis=(0, 2))
         assert off.max() < 4.0
         assert panorama.geometry.seen.all()
+
+
+def coarse():
+    """Steps of 5° displace a frame by a tenth: what comes into view hides a step of the gain."""
+    columns = {'columns': 72, 'sweep_columns': 72}
+    return Rig(
+        arm_radius=0.3,
+        column_offset=30.0,
+        mends_light=True,
+        closes=True,
+        closing_frame=True,
+        **columns,
+    )
+
+
+@pytest.mark.parametrize('factor', [0.72, 0.9, 1.1, np.array([0.9, 1.0, 1.15])])
+@pytest.mark.parametrize('at', [1, 10, 40, 72])
+def test_step_that_is_hidden_is_told_by_the_frame_at_360(factor, at):
+    sweep = swept(lambda k: 1.0 if k < at else factor, rig=coarse)
+    gains, changes = sweep.light_steps()
+    expected = np.array([(1.0 if k < at else factor) * np.ones(3) for k in range(73)])
+    assert gains == pytest.approx(expected, abs=0.01)
+    assert not changes
+
+
+def lit_beginning(k, azimuth, frame):
+    """A lamp that lights only what the first frame has seen, long after that."""
+    bearing = azimuth - np.arctan((np.arange(WIDTH) - 47.5) / 100.0)
+    off = np.remainder(bearing - 0.3 + math.pi, 2 * math.pi) - math.pi
+    return frame * np.where((k > 30) & (np.abs(off) < 0.5), 1.2, 1.0)[np.newaxis, :, np.newaxis]
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        lambda _k, _azimuth, frame: frame,
+        lambda k, _, frame: frame * (1.0 - 0.15 * k / 72),
+        lit_beginning,
+    ],
+    ids=['nothing', 'a drift', 'a lamp at the seam'],
+)
+def test_what_is_no_step_is_not_taken_for_a_hidden_one(change):
+    assert (swept(change=change, rig=coarse).light_steps()[0] == 1.0).all()
 
 
 def test_gain_that_stays_does_not_drift_over_a_turn():
