@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
-from std_msgs.msg import Float32, Header
+from std_msgs.msg import Float32, Header, String
 from std_srvs.srv import Trigger
 
 from panodepth_ros.mosaic import Assembler, ContinuousAssembler, Sweep
@@ -71,6 +71,7 @@ class Mosaicer(Node):
                 self, step_deg=self._settings.partial_deg, frame_id=self._settings.frame_id
             )
         self._progress_publisher = self.create_publisher(Float32, '~/progress', 10)
+        self._status_publisher = self.create_publisher(String, '~/status', 10)
         self._last_panoramas: list[tuple[Publisher, Any]] = []
         self._keeper = SweepKeeper(self, self._settings.state_file)
         self._arm_watch = ArmWatch(self, self._settings.joint_state_gap)
@@ -106,7 +107,7 @@ class Mosaicer(Node):
         self.create_timer(_WATCH_PERIOD, self._advance)
         publish_diagnostics(self, 'sweep', self._diagnose)
         self.get_logger().info(
-            'ready; sweeps begin with ~/start' if self._settings.lead else 'ready; listening'
+            'ready; a sweep begins with ~/start' if self._settings.lead else 'ready; listening'
         )
 
     # --- parameters ---------------------------------------------------------------------------
@@ -290,8 +291,9 @@ class Mosaicer(Node):
         self._report_drops()
 
     def _diagnose(self) -> Report:
-        """Say in words what the sweep does or waits for."""
+        """Say in words what the sweep does or waits for, here and on a topic of its own."""
         level, text = self._waits_for()
+        self._status_publisher.publish(String(data=text))
         sweep = self._assembler.sweep
         values: dict[str, object] = {
             'columns': int(sweep.seen.sum()) if sweep is not None else 0,
@@ -315,7 +317,10 @@ class Mosaicer(Node):
         if sweep is not None:
             seen = int(sweep.seen.sum())
             return OK, f'{seen} of {sweep.rig.sweep_columns} columns, as frames come'
-        return OK, 'ready' if self._settings.lead else 'listening'
+        if not self._settings.lead:
+            return OK, 'listening'
+        why_not = self._why_not_start()
+        return (WARN, why_not) if why_not else (OK, 'ready; a sweep begins with ~/start')
 
     def destroy_node(self) -> None:
         """Forget the sweep under way, for the end is wanted; destroy the node. May run twice."""

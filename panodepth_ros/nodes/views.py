@@ -17,6 +17,7 @@ from std_msgs.msg import Header
 from panodepth_ros.geometry import Panorama, PanoramaGeometry, Points, locate
 from panodepth_ros.geometry.pinhole_views import Face, render, ring_of_faces
 from panodepth_ros.ros import qos
+from panodepth_ros.ros.diagnostics import ERROR, OK, Report, publish_diagnostics
 from panodepth_ros.ros.images import to_array, to_bgr_or_mono, to_message
 from panodepth_ros.ros.messages import panorama_geometry
 from panodepth_ros.ros.parameters import declare_parameters, parameter
@@ -72,6 +73,8 @@ class Views(Node):
         ]
         self._parent_frame = ''
         self._transforms = self._transform_publisher()
+        self._outcome = Report(OK, 'no depth panorama received yet')
+        publish_diagnostics(self, 'views', lambda: self._outcome)
         for topic, kind in _TOPICS.items():
             self.create_subscription(
                 kind, topic, lambda message, topic=topic: self._on(topic, message), qos.PANORAMAS
@@ -99,6 +102,7 @@ class Views(Node):
         try:
             self._show(messages)
         except ValueError as error:
+            self._outcome = Report(ERROR, f'panorama refused: {error}')
             self.get_logger().error(f'panorama refused, no view is published: {error}')
 
     def _show(self, messages: dict[Any, Any]) -> None:
@@ -120,11 +124,11 @@ class Views(Node):
                 own = Header(stamp=header.stamp, frame_id=self._settings.frame(k))
                 self._publish(publishers, panorama, points, face, own)
                 shown += 1
+        took = time.monotonic() - start
+        summary = f'{shown} views of {face.width} × {face.height} px took {took:.2f} s'
+        self._outcome = Report(OK, summary if shown else 'nobody listens to a view')
         if shown:
-            took = time.monotonic() - start
-            self.get_logger().info(
-                f'{shown} views of {face.width} × {face.height} px took {took:.2f} s'
-            )
+            self.get_logger().info(summary)
 
     def _publish(
         self,

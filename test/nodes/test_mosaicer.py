@@ -9,6 +9,7 @@ from fixtures.diagnostics import Diagnosis
 from fixtures.mosaicer import COLUMNS, STEP_DEG, Bench, parameters
 from fixtures.rig import HEIGHT
 from sensor_msgs.msg import Image
+from std_msgs.msg import String
 
 from panodepth_ros.nodes.mosaicer import Mosaicer
 from panodepth_ros.ros.images import to_array
@@ -129,6 +130,21 @@ def test_diagnostics_say_what_the_sweep_waits_for(ros):
     assert bench.call('cancel').success
     diagnosis.told.clear()
     assert diagnosis.says(DiagnosticStatus.OK, 'ready')['last_end'] == 'given up: cancelled'
+
+
+def test_status_says_in_words_what_the_graph_waits_for(ros):
+    said = []
+    bench = Bench(ros, robot_motion='require')
+    bench.listener.create_subscription(
+        String, 'mosaicer/status', lambda message: said.append(message.data), 10
+    )
+
+    def says(words):
+        ros.spin_until(lambda: any(words in line for line in said), f'a status with {words!r}')
+
+    says('no camera_info received yet')
+    bench.ready()
+    says('robot_motion is require')
 
 
 def test_diagnostics_name_an_unusable_camera(ros):

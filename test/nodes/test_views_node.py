@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from fixtures.diagnostics import Diagnosis
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
@@ -193,9 +195,13 @@ def test_bad_parameter_stops_the_start_with_a_sentence(ros, values, sentence):
 def test_bad_panorama_is_refused_and_the_next_good_one_served(
     ros, capfd, topic, message, sentence
 ):
+    diagnosis = Diagnosis(ros, 'views: views')
     bench = Bench(ros, listen=(0,))
+    diagnosis.says(DiagnosticStatus.OK, 'no depth panorama received yet')
     bench.send(stamp=1, **{topic: message})
+    diagnosis.says(DiagnosticStatus.ERROR, sentence)
     bench.send(stamp=2)
+    diagnosis.says(DiagnosticStatus.OK, '1 views of')
     assert bench.results()['view_0/image'].header.stamp.sec == 2
     assert sentence in capfd.readouterr().err
 
