@@ -32,6 +32,8 @@ Array = npt.NDArray[np.float64]
 NEARBY = math.radians(1.0)
 #: A pixel's estimate is the median of the known distances within this many pixels.
 PIXELS = 1
+#: No such file of a person's is longer [bytes].
+_LARGEST_FILE = 1_000_000
 _KEYS = ('name', 'azimuth_deg', 'position', 'pixel', 'distance')
 
 
@@ -96,10 +98,14 @@ def load_features(path: Path) -> list[Feature]:
         If it cannot be read or does not have the form above.
     """
     try:
-        content = yaml.safe_load(path.read_text())
+        with path.open('rb') as file:
+            text = file.read(_LARGEST_FILE + 1)
+        if len(text) > _LARGEST_FILE:
+            raise FeaturesError(f'features {path} is longer than {_LARGEST_FILE} bytes')
+        content = yaml.safe_load(text)
     except OSError as error:
         raise FeaturesError(f'features {path} cannot be read: {error.strerror}') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         reason = ' '.join(str(error).split())
         raise FeaturesError(f'features {path} is no YAML: {reason}') from error
     entries = content.get('features') if isinstance(content, dict) else None

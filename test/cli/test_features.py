@@ -80,6 +80,11 @@ def test_what_is_no_plain_yaml_is_refused(tmp_path, text):
         load(tmp_path, text)
 
 
+def test_file_that_is_too_long_is_refused_unread(tmp_path):
+    with pytest.raises(FeaturesError, match=r'features.yaml is longer than 1000000 bytes'):
+        load(tmp_path, '#' * 1_000_001)
+
+
 def test_missing_file_is_refused(tmp_path):
     with pytest.raises(FeaturesError, match=r'nowhere.yaml cannot be read: No such file'):
         load_features(tmp_path / 'nowhere.yaml')
