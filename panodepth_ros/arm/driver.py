@@ -1,12 +1,9 @@
 """
 The rotating arm on a GRBL controller: azimuths in, measured azimuths out.
 
-Commands run in the thread that calls them, one at a time. A motion is over when the barrier after
-it is answered (``ok`` of the move itself only means parsed) and two status reports, the second one
-asked for after the settle time, agree on the target.
-
-Commands raise errors and leave the arm standing. When the position becomes uncertain (reboot,
-alarm), every motion but :meth:`GrblArm.home` is refused until the arm was homed.
+Commands run in the thread that calls them, one at a time. They raise errors and leave the arm
+standing. When the position becomes uncertain (reboot, alarm), every motion but
+:meth:`GrblArm.home` is refused until the arm was homed.
 """
 
 from __future__ import annotations
@@ -31,8 +28,9 @@ from panodepth_ros.arm.errors import (
 )
 from panodepth_ros.arm.index import IndexSearch
 from panodepth_ros.arm.interface import ArmState
-from panodepth_ros.arm.link import GrblLink, SentLine
-from panodepth_ros.arm.reports import Report, Reports
+from panodepth_ros.arm.link import GrblLink
+from panodepth_ros.arm.moving import Mover
+from panodepth_ros.arm.reports import Reports
 from panodepth_ros.arm.spin import Leg
 
 _LOGGER = logging.getLogger(__name__)
@@ -98,7 +96,6 @@ class GrblArm:
         clock: Callable[[], int] = time.time_ns,
         listener: Callable[[ArmState], None] = lambda state: None,
     ) -> None:
-        self.status_period = status_period
         self._axis = axis
         self._index_within = index_within
         self._settle_time = settle_time
@@ -107,6 +104,8 @@ class GrblArm:
         self._link = GrblLink(port, baud_rate, response_timeout)
         self._reports = Reports(self._link, axis, clock, listener)
         self._brake = Brake(self._link, self._reports, settle_time)
+        self._mover = Mover(self._link, self._reports, axis, settle_time)
+        self.status_period = status_period
         try:
             if not self._link.greet(boot_timeout):
                 self._brake.hold()  # another program may have left it moving
@@ -115,7 +114,7 @@ class GrblArm:
             self._link.ask(grbl.READ_SETTINGS)
             self._reports.require_axis()
             self._fastest = math.radians(self._setting(110) / 60.0)
-            self._speed = self._brake.speed = min(speed, self._fastest)
+            self._mover.speed = self._brake.speed = min(speed, self._fastest)
             self._check_state()
         except BaseException:
             self._link.disconnect()
@@ -152,6 +151,15 @@ class GrblArm:
             'the controller releases the motor after each motion, which lets the arm move; '
             'set $1=255 to hold it'
         )
+
+    @property
+    def status_period(self) -> float:
+        """Time between two status reports during a motion [s]; may be changed at any time."""
+        return self._mover.status_period
+
+    @status_period.setter
+    def status_period(self, seconds: float) -> None:
+        self._mover.status_period = seconds
 
     def distrust(self, reason: str) -> None:
         """Declare the position uncertain until the arm is homed; ``reason`` is a sentence."""
@@ -195,8 +203,8 @@ class GrblArm:
             If the controller refuses, does not answer, goes into alarm, or the port is gone.
         """
         with self._command():
-            self._link.require_certainty()
-            return self._move(azimuth)
+            self._require_ready()
+            return self._mover.move(azimuth)
 
     def home(self) -> ArmState:
         """
@@ -213,11 +221,11 @@ class GrblArm:
             As :meth:`move_to`, but an uncertain position is no obstacle.
         """
         with self._command():
-            if self.doubt or self._setting(22):
+            if self.doubt or self._setting(22) or self._link.moving:
                 self._brake.halt()
             if self._index_within is not None:
                 self._search_index(self._index_within)
-                return self._move(0.0)
+                return self._mover.move(0.0)
             if self._setting(22):
                 self._search_switch()
             elif self._reports.ask().status.state == 'Alarm':
@@ -225,7 +233,7 @@ class GrblArm:
             self._link.trust_position()
             if self._setting(22):
                 return self._reports.stand(self._reports.ask_standing())
-            return self._move(0.0)
+            return self._mover.move(0.0)
 
     def spin(
         self, speed: Callable[[], float], low: float, high: float, started: Callable[[], None]
@@ -259,8 +267,8 @@ class GrblArm:
                 started()
 
         with self._command():
-            self._link.require_certainty()
-            start = self._standing()
+            self._require_ready()
+            start = self._mover.standing()
             self._reports.stand(start)
             wanted = way = speed()
 
@@ -279,7 +287,7 @@ class GrblArm:
                 else:
                     self._brake.halt()
                     wanted = way = speed()
-                start = self._standing()
+                start = self._mover.standing()
 
     def interrupt(self) -> None:
         """Begin to brake and make the running command raise; :meth:`stop` must follow."""
@@ -362,76 +370,29 @@ class GrblArm:
         finally:
             self._busy.release()
 
-    def _move(self, azimuth: float) -> ArmState:
-        start = self._standing()
-        state = self._reports.stand(start)
-        way = azimuth - start.azimuth
-        if abs(way) <= self._reports.tolerance:
-            return state
-        duration = abs(way) / self._speed + self._speed / math.radians(self._setting(120))
-        feed = math.degrees(self._speed) * 60.0
-        move = grbl.encode_move(self._axis, self._reports.machine(azimuth), feed)
-        self._reports.begin(start, math.copysign(self._speed, way))
-        self._follow(
-            self._link.send(move, grbl.BARRIER, moves=True),
-            1.5 * duration + self._link.response_timeout,
-        )
-        arrived = self._reports.ask()
-        self._reports.move(arrived)
-        self._sleep(self._settle_time)
-        settled = self._reports.ask()
-        if not settled.agrees(arrived):
-            settled = self._reports.ask_standing()
-        self._link.moving = False
-        off = abs(settled.azimuth - azimuth)
-        if settled.status.state != 'Idle' or off > self._reports.tolerance:
-            raise ArmProtocolError(
-                f'arm on port {self.port} was sent to {math.degrees(azimuth):.3f}° but the '
-                f'controller reports {settled.status.state} at '
-                f'{math.degrees(settled.azimuth):.3f}°'
-            )
-        return self._reports.stand(settled)
-
-    def _standing(self) -> Report:
-        start = self._reports.ask_standing()
-        if start.status.state != 'Idle':
-            raise ArmProtocolError(
-                f'controller on port {self.port} is in state {start.status.state}, not Idle; '
-                'stop or home the arm first'
-            )
-        return start
-
-    def _follow(self, lines: list[SentLine], timeout: float) -> None:
-        """Wait until the lines of a motion are answered, and tell where the arm is meanwhile."""
-        deadline = time.monotonic() + timeout
-        while not self._link.answered(lines, self.status_period):
-            if time.monotonic() > deadline:
-                raise self._link.unanswered(lines, timeout)
-            self._reports.move(self._reports.ask())
-        self._link.require_ok(lines)
+    def _require_ready(self) -> None:
+        """Make sure that the arm may move; end a motion whose braking an error has cut short."""
+        self._link.require_certainty()
+        if self._link.moving:
+            self._brake.halt()
 
     def _search_switch(self) -> None:
         travel, seek, fine, pull_off = (self._setting(n) for n in (130, 25, 24, 27))
         timeout = 10.0 * self._link.response_timeout
         if seek > 0.0 and fine > 0.0:
             timeout += 60.0 * (1.5 * travel / seek + 10.0 * pull_off / fine)
-        self._reports.velocity = math.radians(seek / 60.0) or self._speed
+        self._reports.velocity = math.radians(seek / 60.0) or self._mover.speed
         self._reports.move(self._reports.ask())
         self._link.homing = True
         try:
             self._link.ask(grbl.HOME, timeout=timeout)
-            self._sleep(self._settle_time)
+            self._link.until(lambda: False, self._settle_time)
         finally:
             self._link.homing = False
 
     def _search_index(self, limit: float) -> None:
         if self._reports.ask().status.state == 'Alarm':
             self._link.ask(grbl.UNLOCK)
-        search = IndexSearch(
-            self._link, self._reports, self._axis, self._speed, limit, self._move, self._follow
-        )
+        search = IndexSearch(self._link, self._reports, self._axis, limit, self._mover)
         self._reports.zero += search.run()
         self._link.trust_position()
-
-    def _sleep(self, seconds: float) -> None:
-        self._link.until(lambda: False, seconds)

@@ -10,12 +10,11 @@ always counter-clockwise, whichever way it was found.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 from panodepth_ros.arm import grbl
 from panodepth_ros.arm.errors import ArmProtocolError
-from panodepth_ros.arm.interface import ArmState
-from panodepth_ros.arm.link import GrblLink, SentLine
+from panodepth_ros.arm.link import GrblLink
+from panodepth_ros.arm.moving import Mover
 from panodepth_ros.arm.reports import Report, Reports
 
 #: Speed of the last approach [rad/s].
@@ -36,14 +35,10 @@ class IndexSearch:
         The controller; the arm stands and no other command runs.
     axis : str
         Letter of the axis.
-    speed : float
-        [rad/s], > 0.
     limit : float
         How far the cable lets the arm turn from 0 to each side [rad]; 0 for an endless axis.
-    move : callable
-        Turns the arm to an azimuth [rad].
-    follow : callable
-        Waits until lines of a motion are answered, at most so long [s].
+    mover : Mover
+        Moves the arm, at its speed.
     """
 
     def __init__(
@@ -51,18 +46,14 @@ class IndexSearch:
         link: GrblLink,
         reports: Reports,
         axis: str,
-        speed: float,
         limit: float,
-        move: Callable[[float], ArmState],
-        follow: Callable[[list[SentLine], float], None],
+        mover: Mover,
     ) -> None:
         self._link = link
         self._reports = reports
         self._axis = axis
-        self._speed = speed
         self._limit = limit
-        self._move = move
-        self._follow = follow
+        self._mover = mover
 
     def run(self) -> float:
         """
@@ -82,13 +73,13 @@ class IndexSearch:
         """
         edge = self._roughly()
         begin = min(self._reports.ask_standing().azimuth, edge - _MARGIN)
-        self._move(begin)
+        self._mover.move(begin)
         if self._active(self._reports.ask_standing()):
             raise ArmProtocolError(
                 f'index sensor of the arm on port {self._link.port} is active '
                 f'{math.degrees(_MARGIN):.0f}° before the edge of its mark'
             )
-        found = self._probe(edge + _MARGIN - begin, min(_SLOW, self._speed))
+        found = self._probe(edge + _MARGIN - begin, min(_SLOW, self._mover.speed))
         if found is None:
             raise ArmProtocolError(
                 f'index of the arm on port {self._link.port} was seen at '
@@ -102,10 +93,10 @@ class IndexSearch:
         if self._active(here):
             return self._leave(here)
         high = self._limit or here.azimuth + 2.0 * math.pi + _OVERLAP
-        edge = self._probe(high - here.azimuth, self._speed)
+        edge = self._probe(high - here.azimuth, self._mover.speed)
         if edge is None and self._limit:
             here = self._reports.ask_standing()
-            edge = self._probe(-self._limit - here.azimuth, self._speed)
+            edge = self._probe(-self._limit - here.azimuth, self._mover.speed)
             here = self._reports.ask_standing()
             if edge is not None and self._active(here):
                 return self._leave(here)
@@ -119,7 +110,7 @@ class IndexSearch:
     def _leave(self, here: Report) -> float:
         """Turn clockwise out of the mark; return where it ends."""
         low = -self._limit or here.azimuth - 2.0 * math.pi
-        edge = self._probe(low - here.azimuth, self._speed, away=True)
+        edge = self._probe(low - here.azimuth, self._mover.speed, away=True)
         if edge is None:
             raise ArmProtocolError(
                 f'index sensor of the arm on port {self._link.port} is active wherever the arm '
@@ -142,7 +133,7 @@ class IndexSearch:
         )
         duration = abs(way) / speed + speed / math.radians(self._reports.setting(120))
         patience = 1.5 * duration + self._link.response_timeout
-        self._follow(self._link.send(line, moves=True), patience)
+        self._mover.follow(self._link.send(line, moves=True), patience)
         self._link.moving = False
         if self._link.probe is None:
             raise ArmProtocolError(

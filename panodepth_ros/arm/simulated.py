@@ -8,8 +8,8 @@ the old Idle, resets forget modes, braking takes time, homing and critical alarm
 
 Differences from the firmware: only the G-code a rotary axis needs is known (G0 G1 G4 G20 G21
 G38.2 to G38.5 G53 G54 G90 G91 G94), probing is not a mode that persists; check mode, sleep,
-overrides, safety door, spindle and stored startup lines are absent. The rotary axis is X, one
-degree per millimetre.
+overrides, safety door, spindle and stored startup lines are absent. One axis is the rotary one,
+one degree per millimetre; the others stand.
 """
 
 from __future__ import annotations
@@ -22,13 +22,15 @@ import numpy as np
 
 from panodepth_ros.arm import grbl
 from panodepth_ros.arm.motion import chain
-from panodepth_ros.arm.simulated_gcode import RefusedLineError, words_of
+from panodepth_ros.arm.simulated_gcode import Reader, RefusedLineError
 from panodepth_ros.arm.simulated_index import IndexMark
 from panodepth_ros.arm.simulated_motor import SimulatedMotor
 from panodepth_ros.arm.simulated_settings import Modes, default_settings
 from panodepth_ros.arm.truth import Piece
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
+#: Of grblHAL, which may have more axes.
+HAL_BANNER = b"\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n"
 UNLOCK_HINT = b"[MSG:'$H'|'$X' to unlock]\r\n"
 
 _RX_BUFFER = 127  # bytes that fit while the main program is busy; more are lost
@@ -46,8 +48,8 @@ class SimulatedController:
     Parameters
     ----------
     settings : dict
-        ``$N`` values, see :func:`default_settings`. ``$13`` (inches), ``$20`` (soft limits),
-        ``$22`` (homing) and bit 0 of ``$10`` (MPos or WPos) act as in the firmware.
+        ``$N`` values of all axes, see :func:`default_settings`. ``$13`` (inches), ``$20`` (soft
+        limits), ``$22`` (homing) and bit 0 of ``$10`` (MPos or WPos) act as in the firmware.
     boot_time : float
         From power-up to the banner [s].
     publish : callable, optional
@@ -59,6 +61,8 @@ class SimulatedController:
         there is no sensor.
     work_offset : float
         Stored G54 offset of the axis [mm]; work = machine − offset.
+    axis : str
+        Letter of the rotary axis. The firmware has X, Y and Z; its relatives have more.
     """
 
     def __init__(
@@ -70,13 +74,17 @@ class SimulatedController:
         home_position: float | None = 0.0,
         index: tuple[float, float] | None = None,
         work_offset: float = 0.0,
+        axis: str = 'X',
     ) -> None:
-        self.settings = default_settings() if settings is None else settings
+        self._axis = grbl.AXES.index(axis)
+        self._axes = grbl.AXES[: max(3, self._axis + 1)]
+        self.settings = default_settings(axes=len(self._axes)) if settings is None else settings
         self._boot_time = boot_time
         self._home_position = home_position
         mark = None if index is None else IndexMark(*index)
-        self._motor = SimulatedMotor(self.settings, publish, mark)
+        self._motor = SimulatedMotor(self.settings, self._axis, publish, mark)
         self._work_offset = np.float32(work_offset)
+        self._reader = Reader(axis, self._axes, self._work_offset)
         self._output = bytearray()
         self._state = 'Boot'
         self._boot_at = _NEVER
@@ -164,7 +172,7 @@ class SimulatedController:
     def _begin(self, state: str) -> None:
         self._state = state
         self._modes.position = self._count()
-        self._output += BANNER
+        self._output += BANNER if len(self._axes) == 3 else HAL_BANNER
         if state == 'Alarm':
             self._output += UNLOCK_HINT
 
@@ -215,7 +223,7 @@ class SimulatedController:
         if state == 'Hold':
             state += ':1' if self._motor.moving(now) else ':0'
         azimuth, velocity = self._motor.state(now)
-        machine = np.float32(self._motor.steps(azimuth)) / np.float32(self.settings[100])
+        machine = np.float32(self._motor.steps(azimuth)) / np.float32(self._setting(100))
         work = not int(self.settings[10]) & 1
         position = machine - self._work_offset if work else machine
         feed = abs(math.degrees(velocity)) * 60.0
@@ -230,9 +238,11 @@ class SimulatedController:
         self._output += f'<{fields}>\r\n'.encode()
 
     def _coordinates(self, value: np.float32) -> str:
+        values = [np.float32(0.0)] * len(self._axes)
+        values[self._axis] = value
         if self.settings[13]:
-            return f'{value / _INCH:.4f},0.0000,0.0000'
-        return f'{value:.3f},0.000,0.000'
+            return ','.join(f'{value / _INCH:.4f}' for value in values)
+        return ','.join(f'{value:.3f}' for value in values)
 
     # Firmware: main program.
 
@@ -304,67 +314,19 @@ class SimulatedController:
             raise RefusedLineError(3)
 
     def _block(self, line: str, now: float, *, jog: bool) -> None:
-        commands, words = words_of(line)
-        if jog and not commands <= {20, 21, 53, 90, 91}:
-            raise RefusedLineError(16)
-        modes = self._changed_modes(commands)
-        scale = _INCH if modes.inches else np.float32(1.0)
-        unused = set(words) - set('FXYZ') - ({'P'} if 4 in commands else set())
-        if unused:
-            raise RefusedLineError(36)
-        if 'F' in words:
-            modes.feed = words['F'] * scale
-        elif jog:
-            raise RefusedLineError(22)
-        if 4 in commands:
-            self._dwell(words, now)
-        elif words.keys() & set('XYZ'):
-            target = self._target(commands, words, modes)
-            probing = commands & {382, 383, 384, 385}
-            if probing and 53 in commands:
-                raise RefusedLineError(30)
-            rapid = not probing and modes.motion == 0 and not jog
-            if not rapid and modes.feed == 0.0:
-                raise RefusedLineError(22)
-            if probing:
-                self._probe(target, float(modes.feed), now, *probing)
-                self._modes = modes
-                return
-            self._line(target, math.inf if rapid else float(modes.feed), now, jog=jog)
-            modes.position = self._modes.position = target
-        elif jog or commands & {0, 1, 53, 382, 383, 384, 385}:
-            raise RefusedLineError(26)
+        block = self._reader.read(line, self._modes, jog=jog)
+        if block.dwell is not None:
+            self._dwell(block.dwell)
+        elif block.target is not None and block.probe:
+            self._probe(block.target, float(block.modes.feed), now, block.probe)
+        elif block.target is not None:
+            feed = math.inf if block.rapid else float(block.modes.feed)
+            self._line(block.target, feed, now, jog=jog)
+            block.modes.position = self._modes.position = block.target
         if not jog and not self._critical:
-            self._modes = modes
+            self._modes = block.modes
 
-    def _target(
-        self, commands: set[int], words: dict[str, np.float32], modes: Modes
-    ) -> np.float32:
-        if 'X' not in words:
-            return modes.position
-        target = words['X'] * (_INCH if modes.inches else np.float32(1.0))
-        if modes.relative:
-            return modes.position + target
-        return target if 53 in commands else target + self._work_offset
-
-    def _changed_modes(self, commands: set[int]) -> Modes:
-        modes = Modes(**vars(self._modes))
-        for command in commands:
-            if command in (0, 1):
-                modes.motion = command
-            elif command in (20, 21):
-                modes.inches = command == 20
-            elif command in (90, 91):
-                modes.relative = command == 91
-        return modes
-
-    def _dwell(self, words: dict[str, np.float32], now: float) -> None:
-        if 'P' not in words:
-            raise RefusedLineError(28)
-        if words.keys() & set('XYZ'):
-            raise RefusedLineError(31)
-        seconds = float(words['P'])
-
+    def _dwell(self, seconds: float) -> None:
         def over(moment: float) -> bool:
             nonlocal seconds
             if self._motor.blocks or self._state != 'Idle':
@@ -377,7 +339,7 @@ class SimulatedController:
         self._waiting = over
 
     def _line(self, target: np.float32, feed: float, now: float, *, jog: bool) -> None:
-        if self.settings[20] and not -self.settings[130] <= target <= 0.0:
+        if self.settings[20] and not -self._setting(130) <= target <= 0.0:
             if jog:
                 raise RefusedLineError(15)
             if self._motor.moving(now):
@@ -386,9 +348,9 @@ class SimulatedController:
             return
         if abs(target) > _FARTHEST:
             raise RefusedLineError(33)
-        exact = float(target * np.float32(self.settings[100]))
+        exact = float(target * np.float32(self._setting(100)))
         steps = int(math.copysign(math.floor(abs(exact) + 0.5), exact))
-        speed = math.radians(min(feed, self.settings[110]) / 60.0)
+        speed = math.radians(min(feed, self._setting(110)) / 60.0)
 
         def planned(moment: float) -> bool:
             if len(self._motor.blocks) >= _PLANNER_BLOCKS:
@@ -433,7 +395,7 @@ class SimulatedController:
                 self._output += b'ALARM:5\r\n'
                 self._state = 'Alarm'
             self._probed = self._motor.steps() if self._probed is None else self._probed
-            where = np.float32(self._probed) / np.float32(self.settings[100])
+            where = np.float32(self._probed) / np.float32(self._setting(100))
             self._output += f'[PRB:{self._coordinates(where)}:{found:d}]\r\n'.encode()
             self._modes.position = self._count()
             return True
@@ -451,7 +413,7 @@ class SimulatedController:
         if not self.settings[22]:
             raise RefusedLineError(5)
         here = self._motor.state(now)[0]
-        reach = 1.5 * math.radians(self.settings[130])
+        reach = 1.5 * math.radians(self._setting(130))
         found = self._home_position is not None
         end = math.radians(self._home_position or 0.0) if found else here + reach
         found = found and abs(end - here) <= reach
@@ -470,7 +432,7 @@ class SimulatedController:
         self._state = 'Home'
         self._waiting = finish
         speed = math.radians(self.settings[25] / 60.0)
-        acceleration = math.radians(self.settings[120])
+        acceleration = math.radians(self._setting(120))
         moves = [(end, speed)] if end != here else []
         self._motor.follow(chain(now, here, 0.0, moves, acceleration)[0])
 
@@ -488,6 +450,10 @@ class SimulatedController:
             if self._state in ('Run', 'Jog', 'Home'):
                 self._state = 'Idle'
 
+    def _setting(self, number: int) -> float:
+        """One setting of the axis, by its number for X."""
+        return self.settings[number + self._axis]
+
     def _count(self) -> np.float32:
         """Machine position where the arm stands, or will stand when it has moved."""
-        return np.float32(self._motor.steps()) / np.float32(self.settings[100])
+        return np.float32(self._motor.steps()) / np.float32(self._setting(100))

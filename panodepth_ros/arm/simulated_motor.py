@@ -20,8 +20,10 @@ class SimulatedMotor:
     Parameters
     ----------
     settings : dict
-        ``$N`` values of the controller, of which motor steps per degree ($100) and acceleration
-        ($120) count; may change at any time.
+        ``$N`` values of the controller, of which motor steps per degree ($100 for X) and
+        acceleration ($120) count; may change at any time.
+    axis : int
+        Which axis of the controller it is, 0 for X.
     publish : callable
         Called with the pieces of the true motion whenever they change.
     mark : IndexMark or None
@@ -42,10 +44,12 @@ class SimulatedMotor:
     def __init__(
         self,
         settings: dict[int, float],
+        axis: int,
         publish: Callable[[Sequence[Piece]], None],
         mark: IndexMark | None,
     ) -> None:
         self._settings = settings
+        self._axis = axis
         self._publish = publish
         self._mark = mark
         self._pieces = [Piece(-math.inf, 0.0)]
@@ -77,11 +81,11 @@ class SimulatedMotor:
     def steps(self, azimuth: float | None = None) -> int:
         """Count of motor steps at a true azimuth [rad], by default at :attr:`end`."""
         azimuth = self.end if azimuth is None else azimuth
-        return round(math.degrees(azimuth - self.zero) * self._settings[100])
+        return round(math.degrees(azimuth - self.zero) * self._settings[100 + self._axis])
 
     def azimuth_of(self, steps: int) -> float:
         """True azimuth [rad] of a count of motor steps."""
-        return self.zero + math.radians(steps / self._settings[100])
+        return self.zero + math.radians(steps / self._settings[100 + self._axis])
 
     def moving(self, now: float) -> bool:
         """Whether the arm moves."""
@@ -109,7 +113,7 @@ class SimulatedMotor:
     def plan(self, now: float) -> None:
         """Move through all blocks, from how the arm moves now."""
         azimuth, velocity = self.state(now)
-        acceleration = math.radians(self._settings[120])
+        acceleration = math.radians(self._settings[120 + self._axis])
         pieces, ends = chain(now, azimuth, velocity, self.blocks, acceleration)
         self.follow(pieces)
         self._block_ends.extend(ends)
@@ -117,15 +121,15 @@ class SimulatedMotor:
     def brake(self, now: float) -> None:
         """Come to rest on a motor step."""
         azimuth, velocity = self.state(now)
-        grid = math.radians(1.0 / self._settings[100])
-        acceleration = math.radians(self._settings[120])
+        grid = math.radians(1.0 / self._settings[100 + self._axis])
+        acceleration = math.radians(self._settings[120 + self._axis])
         self.follow(brake(now, azimuth, velocity, acceleration, grid, self.zero))
 
     def kill(self, now: float) -> None:
         """Stop the pulses at once: the count stays, the arm slips on by its momentum."""
         azimuth, velocity = self.state(now)
         counted = self.azimuth_of(self.steps(azimuth))
-        way = velocity * abs(velocity) / (4.0 * math.radians(self._settings[120]))
+        way = velocity * abs(velocity) / (4.0 * math.radians(self._settings[120 + self._axis]))
         self.zero += way
         self._stand(now, counted + way)
 

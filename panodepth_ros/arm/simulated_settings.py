@@ -12,6 +12,7 @@ def default_settings(
     steps_per_degree: float = 25.0,
     max_rate: float = 60.0,
     acceleration: float = 3600.0,
+    axes: int = 3,
 ) -> dict[int, float]:
     """
     The stored settings ``$N``.
@@ -24,11 +25,13 @@ def default_settings(
         Largest speed [°/s].
     acceleration : float
         Acceleration [°/s²]; with 3600 a step of 0.2° takes 15 ms.
+    axes : int
+        How many the controller has.
     """
     settings: dict[int, float] = {0: 10, 1: 255, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0, 10: 1}
     settings |= {11: 0.01, 12: 0.002, 13: 0, 20: 0, 21: 0, 22: 0, 23: 0, 24: 300.0}
     settings |= {25: 1800.0, 26: 250, 27: 1.0, 30: 1000, 31: 0, 32: 0}
-    for axis in range(3):
+    for axis in range(axes):
         settings |= {100 + axis: steps_per_degree, 110 + axis: 60.0 * max_rate}
         settings |= {120 + axis: acceleration, 130 + axis: 360.0}
     return settings

@@ -111,6 +111,24 @@ def test_missing_axis_is_named(bench):
         bench.connect(axis='A')
 
 
+@pytest.mark.parametrize('axis', ['Y', 'A', 'C'])
+def test_any_axis_may_turn_the_arm(bench, axis):
+    number = 'XYZABC'.index(axis)
+    own = {'axes': 6, 100: 1.0, 110: 60.0, 120: 1.0, 100 + number: 40.0, 110 + number: 24000.0}
+    bench.serve({**own, 120 + number: 4000.0}, axis=axis, index=(30.0, 5.0))
+    arm = bench.connect(axis=axis, index_within=190 * DEG, speed=400 * DEG)
+    assert arm.motor_step == pytest.approx(DEG / 40)
+    arm.home()
+    assert bench.server.true_azimuth() == pytest.approx(30 * DEG, abs=0.026 * DEG)
+    assert arm.move_to(-3.1 * DEG).azimuth == pytest.approx(-3.1 * DEG, abs=0.013 * DEG)
+    assert bench.server.true_azimuth() == pytest.approx(26.9 * DEG, abs=0.026 * DEG)
+    future = ThreadPoolExecutor(1).submit(arm.move_to, 3600 * DEG)
+    bench.server.wait_until_moving()
+    stopped = arm.stop().azimuth
+    assert isinstance(future.exception(timeout=10), ArmStoppedError)
+    assert stopped + 30 * DEG == pytest.approx(bench.server.true_azimuth(), abs=0.026 * DEG)
+
+
 def test_unusable_setting_is_named(bench):
     bench.serve({110: 0.0})
     with pytest.raises(ArmProtocolError, match=r'no usable setting \$110'):
@@ -560,6 +578,26 @@ def test_controller_that_falls_silent_times_out(bench):
         future.result(timeout=10)
     with pytest.raises(ArmTimeoutError):
         arm.measure()
+    bench.server.spoil(lambda data: data)
+    assert arm.move_to(2 * DEG).azimuth == pytest.approx(2 * DEG), 'it is held for ever'
+
+
+@pytest.mark.parametrize('command', ['home', 'spin'])
+def test_arm_that_was_left_held_can_be_told_anything(bench, command):
+    bench.serve()
+    arm, future = bench.connect_moving(300 * DEG, response_timeout=0.3)
+    bench.server.spoil(lambda data: b'')
+    assert isinstance(future.exception(timeout=10), ArmTimeoutError)
+    bench.server.spoil(lambda data: data)
+    if command == 'home':
+        assert arm.home().azimuth == 0.0
+        return
+    turning = ThreadPoolExecutor(1).submit(
+        arm.spin, lambda: 30 * DEG, -math.inf, math.inf, lambda: None
+    )
+    bench.server.wait_until_moving()
+    arm.stop()
+    assert isinstance(turning.exception(timeout=10), ArmStoppedError)
 
 
 def spoil_reports(bench, change, which):
