@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,8 @@ from panodepth_ros.geometry import PinholeCamera
 from panodepth_ros.mosaic import ArmTrack, Assembler, Rig, Sweep
 from panodepth_ros.ros.images import to_bgr_or_mono
 from panodepth_ros.ros.messages import joint_reading, pinhole_camera, to_nanoseconds
+
+Grey = npt.NDArray[np.uint8]
 
 #: As the mosaicer's defaults.
 _TOLERANCE, _LONGEST_GAP = math.radians(0.002), 1_000_000_000
@@ -30,15 +34,15 @@ class RecordedSweep:
 
     Attributes
     ----------
-    frames : list of ndarray of uint8, shape (H, W)
-        Grey.
+    frames : iterable of ndarray of uint8, shape (H, W)
+        Grey, N of them; read from the bag each time anew, so that one at a time is in memory.
     arm_azimuth : ndarray of float64, shape (N,)
         γ of each [rad], not wrapped.
     camera : PinholeCamera
         As camera_info says, or with the given view angle.
     """
 
-    frames: list[npt.NDArray[np.uint8]]
+    frames: Iterable[Grey]
     arm_azimuth: npt.NDArray[np.float64]
     camera: PinholeCamera
 
@@ -74,16 +78,33 @@ def read_sweep(
         If the camera is uncalibrated and no view angle is given.
     """
     camera = _camera(path, camera_info, view_angle)
+    placed = partial(_placed, path, camera, joint_name, image, joint_states)
+    azimuths = np.array([azimuth for _, azimuth in placed()])
+    return RecordedSweep(_Frames(placed), azimuths, camera)
+
+
+class _Frames:
+    def __init__(self, placed: Callable[[], Iterator[tuple[Grey, float]]]) -> None:
+        self._placed = placed
+
+    def __iter__(self) -> Iterator[Grey]:
+        return (frame for frame, _ in self._placed())
+
+
+def _placed(
+    path: Path, camera: PinholeCamera, joint_name: str, image: str, joint_states: str
+) -> Iterator[tuple[Grey, float]]:
+    """Read the frames of the first sweep, each with its arm azimuth."""
     assembler = Assembler(_RIG, ArmTrack(_TOLERANCE, _LONGEST_GAP), 0)
     assembler.set_camera(camera)
-    frames: list[npt.NDArray[np.uint8]] = []
-    azimuths: list[float] = []
+    taken: list[tuple[Grey, float]] = []
 
     def take(frame: npt.NDArray[np.uint8], azimuth: float) -> None:
-        frames.append(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) if frame.ndim == 3 else frame)
-        azimuths.append(azimuth)
+        grey = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) if frame.ndim == 3 else frame
+        taken.append((np.asarray(grey, np.uint8), azimuth))
 
     assembler.taken = take
+    count = 0
     kinds = {image: 'sensor_msgs/msg/Image', joint_states: 'sensor_msgs/msg/JointState'}
     for topic, _, message in read(path, kinds):
         finished: list[Sweep] = []
@@ -95,15 +116,17 @@ def read_sweep(
                 finished = assembler.add_joint_state(*reading)
         except ValueError as error:
             assembler.drops[str(error)] += 1
+        count += len(taken)
+        yield from taken
+        taken.clear()
         if finished:
-            break
-    if not frames:
+            return
+    if not count:
         reasons = '; '.join(f'{count} × {reason}' for reason, count in assembler.drops.items())
         raise BagError(
             f'bag {path} holds no frame of a standing arm, joint {joint_name}'
             f'{": " + reasons if reasons else ""}'
         )
-    return RecordedSweep(frames, np.array(azimuths), camera)
 
 
 def _camera(path: Path, topic: str, view_angle: float | None) -> PinholeCamera:

@@ -9,7 +9,7 @@ sweep can tell and what it cannot: docs/calibration.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,7 +142,7 @@ class SelfCalibration:
 
 
 def self_calibrate(
-    frames: Sequence[npt.NDArray[np.uint8]],
+    frames: Iterable[npt.NDArray[np.uint8]],
     arm_azimuth: Array,
     camera: PinholeCamera,
     given: Given,
@@ -152,8 +152,8 @@ def self_calibrate(
 
     Parameters
     ----------
-    frames : sequence of ndarray of uint8, shape (H, W) or (H, W, 3)
-        In the order in which the arm turned.
+    frames : iterable of ndarray of uint8, shape (H, W) or (H, W, 3)
+        In the order in which the arm turned; gone through twice.
     arm_azimuth : ndarray of float64, shape (N,)
         γ of each frame, not wrapped [rad].
     camera : PinholeCamera

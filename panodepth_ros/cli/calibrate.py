@@ -130,7 +130,7 @@ def report(sweep: RecordedSweep, found: SelfCalibration, *, view_angle: bool) ->
     """Return what was found, line by line, for people."""
     turn = math.degrees(abs(sweep.arm_azimuth[-1] - sweep.arm_azimuth[0]))
     lines = [
-        f'{len(sweep.frames)} frames over {turn:.1f}°, {len(found.tracks)} points followed, '
+        f'{sweep.arm_azimuth.size} frames over {turn:.1f}°, {len(found.tracks)} points followed, '
         f'residual {found.residual_px:.3f} px',
         'estimate ± standard deviation of its random error',
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from panodepth_ros.geometry import Panorama
 from panodepth_ros.mosaic import ContinuousAssembler, Sweep
@@ -17,12 +18,12 @@ LONGEST_DELAY, LARGEST_DELAY_STDDEV = 0.2, 0.005
 
 class DelayCorrection:
     """
-    Measures the delay by two sweeps to either side, and corrects the builder's.
+    Measures the delay by two sweeps to either side, and corrects ``image_delay_ms``.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        Logs.
+        Logs, and has that parameter; setting it changes the builder's delay.
     builder : SweepBuilder
         Makes the sweeps; nothing is measured of an arm that stands for each frame.
     """
@@ -47,7 +48,7 @@ class DelayCorrection:
         sweep : Sweep
             The sweep.
         correct : bool
-            Whether the builder takes the delay from now on.
+            Whether the parameter is set to the delay.
         """
         builder, log = self._builder, self._node.get_logger()
         if not isinstance(builder, ContinuousAssembler):
@@ -64,4 +65,4 @@ class DelayCorrection:
         if abs(total) > LONGEST_DELAY or found.stddev > LARGEST_DELAY_STDDEV:
             log.warning('that is no delay of clocks: it is not corrected')
         elif correct:
-            builder.image_delay += round(found.delay * 1e9)
+            self._node.set_parameters([Parameter('image_delay_ms', value=total * 1e3)])

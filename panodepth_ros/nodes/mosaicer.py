@@ -119,7 +119,7 @@ class Mosaicer(Node):
 
     def _on_parameters(self, parameters: MosaicerParameters) -> None:
         builder = self._assembler
-        parameters.renew_timing(builder, self._settings)
+        parameters.renew_timing(builder)
         if not self._leading or builder.sweep is not None:
             builder.rig = parameters.rig()  # else a led sweep waits for its first frame
         self._delay.forget()

@@ -39,7 +39,7 @@ class MosaicerParameters(SteppingParameters):
     )
     correct_delay: bool = parameter(
         True,
-        'Estimate what is missing in image_delay_ms from two sweeps to either side, and add it',
+        'Estimate what is missing in image_delay_ms from two sweeps to either side, and set it so',
         live=True,
     )
     row_time_us: float = parameter(
@@ -208,9 +208,8 @@ class MosaicerParameters(SteppingParameters):
             )
         return Assembler(self.rig(), self.arm_track(), round(self.settle_time * 1e9))
 
-    def renew_timing(self, builder: SweepBuilder[Any], before: MosaicerParameters) -> None:
-        """Let a builder go on with these delays; one corrected since stays if it was not set."""
+    def renew_timing(self, builder: SweepBuilder[Any]) -> None:
+        """Let a builder go on with these delays."""
         if isinstance(builder, ContinuousAssembler):
-            if self.image_delay_ms != before.image_delay_ms:
-                builder.image_delay = round(self.image_delay_ms * 1e6)
+            builder.image_delay = round(self.image_delay_ms * 1e6)
             builder.row_time = self.row_time_us * 1e-6

@@ -51,6 +51,7 @@ class Watcher(Node):
         self._led = self._resting = False
         self._last: Sweep | None = None
         self._state = 'waiting for the mosaicer'
+        self._camera_fault = ''
         self._depth: Image | None = None
         self._scan: LaserScan | None = None
         self._results = 0
@@ -98,7 +99,7 @@ class Watcher(Node):
                 drops = sorted(self._assembler.drops.items())
                 facts += [(f'dropped: {reason}', str(count)) for reason, count in drops]
             return {
-                'state': self._state,
+                'state': self._camera_fault or self._state,
                 'progress': progress,
                 'arm': arm,
                 'facts': facts,
@@ -177,7 +178,7 @@ class Watcher(Node):
         parameters = MosaicerParameters(**dict(zip(names, values, strict=True)))
         before, self._parameters = self._parameters, parameters
         if self._assembler and before and _same_but_live(parameters, before):
-            parameters.renew_timing(self._assembler, before)
+            parameters.renew_timing(self._assembler)
             self._assembler.rig = parameters.rig()
             return
         self._state = 'waiting for a sweep'
@@ -221,11 +222,15 @@ class Watcher(Node):
             return
         try:
             self._finish(self._assembler.set_camera(pinhole_camera(message)))
+            self._camera_fault = ''
         except ValueError as error:
-            self._state = f'camera_info: {error}'
+            self._camera_fault = f'camera_info: {error}'
 
     def _on_image(self, message: Image | CompressedImage) -> None:
         if self._assembler is None:
+            return
+        if self._camera_fault:
+            self._assembler.drops[f'frame: {self._camera_fault}'] += 1
             return
         try:
             image = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +24,7 @@ import data_to_bag
 
 from panodepth_ros.bag import BagWriter, read
 from panodepth_ros.bag.storage import rosbags
+from panodepth_ros.bag.sweep import read_sweep
 from panodepth_ros.calibration import Given, self_calibrate
 from panodepth_ros.camera.calibration import read_calibration
 from panodepth_ros.camera.simulated import RealCamera, RoomCamera, furnished_room
@@ -194,6 +196,14 @@ def test_topic_without_messages_is_told(
     path = rewritten(bag, tmp_path / 'bag', lambda t, m: None if t == '/camera_info' else m)
     assert main(['calibrate', str(path)]) == 1
     assert 'bag holds no message of /camera_info' in capsys.readouterr().err
+
+
+def test_frames_of_a_bag_are_not_kept_in_memory(bag: Path) -> None:
+    sweep = read_sweep(bag, joint_name='panodepth_arm_joint')
+    for _ in range(2):
+        frames = [weakref.ref(frame) for frame in sweep.frames]
+        assert len(frames) == sweep.arm_azimuth.size == AZIMUTHS.size
+        assert not any(frame() is not None for frame in frames)
 
 
 def test_joint_states_without_a_position_are_counted(

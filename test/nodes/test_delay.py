@@ -7,6 +7,7 @@ import pytest
 from fixtures.mosaicer import Bench
 from fixtures.rig import HEIGHT, WIDTH, F
 
+from panodepth_ros.nodes.watcher import Watcher
 from panodepth_ros.ros.images import to_message
 
 pytestmark = pytest.mark.ros
@@ -61,6 +62,18 @@ class SceneBench(Bench):
 
 def test_two_sweeps_to_either_side_correct_the_delay(ros):
     assert SceneBench(ros).sweep_to_and_fro() == pytest.approx(LATE_MS, abs=1.0)
+
+
+def test_found_delay_is_a_parameter_that_stays_and_that_the_watcher_takes(ros):
+    bench = SceneBench(ros)
+    watcher = ros.add(Watcher(context=ros.context))
+    ros.spin_until(lambda: watcher._assembler is not None, 'the parameters')
+    found = bench.sweep_to_and_fro()
+    assert bench.mosaicer.get_parameter('image_delay_ms').value == pytest.approx(found)
+    assert bench.set(arm_radius=0.25).successful
+    assert bench.mosaicer._assembler.image_delay == pytest.approx(found * 1e6)
+    ros.spin_until(lambda: watcher._assembler.rig.arm_radius == 0.25, 'the parameters')
+    assert watcher._assembler.image_delay == bench.mosaicer._assembler.image_delay
 
 
 def test_delay_is_only_told_if_it_shall_not_be_corrected(ros, capfd):

@@ -200,6 +200,22 @@ def test_parameters_set_while_it_watches_are_taken(ros):
     assert builder.row_time == pytest.approx(20e-6)
 
 
+def test_lens_that_folds_is_told_and_no_frame_taken_until_it_is_mended(ros):
+    bench = Bench(ros, lead=False)
+    bench.steps(3)
+    ros.spin_until(lambda: bench.state() == 'sweeping', 'the sweep')
+    seen = bench.watcher._assembler.sweep.seen.sum()
+    bench.rig.camera_info(k1=-5.0)
+    ros.spin_until(lambda: 'folds inside of the image' in bench.state(), 'the fault')
+    bench.rig.camera_info = lambda *_: None
+    bench.steps(2)
+    assert bench.state().startswith('camera_info: camera distortion (-5.0, ')
+    del bench.rig.camera_info
+    ros.spin_until(lambda: bench.rig.camera_info() or bench.state() == 'sweeping', 'the sweep')
+    bench.steps(1)
+    assert bench.watcher._assembler.sweep.seen.sum() == seen + 1
+
+
 def test_another_mosaicer_is_followed_by_its_parameters(ros):
     bench = Bench(ros, lead=False)
     ros.executor.remove_node(bench.mosaicer)
