@@ -2,8 +2,8 @@
 What the whole graph costs while the arm turns without a stop: CPU, memory, lost frames, latency.
 
 All nodes and the simulated arm are processes of their own. The camera plays pictures rendered
-before and kept on disk, as many a turn as it gives, so that rendering is not counted; only the
-columns that the mosaicer takes are rendered. ``docs/continuous.md`` has a run.
+before and kept on disk, as many a turn as it gives, so that rendering is not counted.
+``docs/continuous.md`` has a run.
 
     python -m benchmarks.graph_load --framerate 30 --duration 180
 """
@@ -32,7 +32,7 @@ from std_srvs.srv import Trigger
 
 from benchmarks.continuous import OFFSET_SHARE, STRIPE_DISTANCE, Case
 from benchmarks.report import table, versions
-from benchmarks.stripes import ARM_RADIUS, COLUMNS, FIELD_OF_VIEW, bands, look, noisy
+from benchmarks.stripes import ARM_RADIUS, COLUMNS, FIELD_OF_VIEW, noisy
 from panodepth_ros.camera.calibration import Calibration, write_calibration
 from panodepth_ros.camera.simulated import RoomCamera, furnished_room
 from panodepth_ros.cli.demo import PROFILE_VARIABLES, installed_config
@@ -67,15 +67,15 @@ class Use:
         return cls((int(fields[11]) + int(fields[12])) / _TICK, own, shared)
 
 
-def render(folder: Path, rig: Rig, camera: PinholeCamera, lens: RoomCamera, frames: int) -> None:
+def render(folder: Path, lens: RoomCamera, frames: int) -> None:
     """Write one turn of pictures, unless it is there."""
     folder.mkdir(parents=True, exist_ok=True)
-    room, rng, seen = furnished_room(1), np.random.default_rng(1), bands(rig, camera)
+    room, rng = furnished_room(1), np.random.default_rng(1)
     for number in range(frames):
         file = folder / f'{number}.bmp'
         if not file.is_file():
-            image = noisy(look(room, lens, 2 * math.pi * number / frames, seen), rng)
-            cv2.imwrite(str(file), image)
+            image = room.render(2 * math.pi * number / frames, lens, ARM_RADIUS)
+            cv2.imwrite(str(file), noisy(image, rng))
 
 
 def parameters(scratch: Path, rig: Rig, case: Case, camera: PinholeCamera) -> dict[str, Any]:
@@ -235,7 +235,7 @@ def main() -> None:
     frames = round(case.turn_time * case.framerate)
     folder = chosen.frames.resolve() / f'{lens.width}x{lens.height}_{frames}'
     camera = PinholeCamera(**{n: getattr(lens, n) for n in RoomCamera.__slots__})
-    render(folder, rig, camera, lens, frames)
+    render(folder, lens, frames)
     with tempfile.TemporaryDirectory() as scratch_folder, claimed_domain() as domain:
         scratch = Path(scratch_folder)
         (scratch / 'frames').mkdir()
