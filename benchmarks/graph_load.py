@@ -75,7 +75,7 @@ def render(folder: Path, lens: RoomCamera, frames: int) -> None:
         file = folder / f'{number}.bmp'
         if not file.is_file():
             image = room.render(2 * math.pi * number / frames, lens, ARM_RADIUS)
-            cv2.imwrite(str(file), noisy(image, rng))
+            cv2.imwrite(str(file), noisy(image.astype(np.float32), rng))
 
 
 def parameters(scratch: Path, rig: Rig, case: Case, camera: PinholeCamera) -> dict[str, Any]:
