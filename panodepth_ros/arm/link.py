@@ -18,15 +18,14 @@ from typing import NamedTuple
 
 from panodepth_ros.arm import grbl
 from panodepth_ros.arm.errors import (
-    ArmAlarmError,
     ArmConnectionError,
     ArmError,
     ArmPositionError,
     ArmProtocolError,
-    ArmStoppedError,
     ArmTimeoutError,
 )
 from panodepth_ros.arm.transport import SerialLine
+from panodepth_ros.arm.trouble import Trouble
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -112,10 +111,7 @@ class GrblLink:
         self._asked: float | None = None  # when the first query was sent that is unanswered
         self._banner: grbl.Banner | None = None
         self._banner_wanted = True
-        self._doubt = ''
-        self._incident: ArmError | None = None  # what broke the running command
-        self._broken: ArmConnectionError | None = None
-        self._stop_wanted = False
+        self._trouble = Trouble(port)
         self._noise = b''
         self._reading = True
         self._assembler = grbl.LineAssembler()
@@ -129,26 +125,23 @@ class GrblLink:
     def doubt(self) -> str:
         """Why the position is uncertain, as a sentence; empty if it is not."""
         with self._changed:
-            return self._doubt
+            return self._trouble.doubt
 
     def lose_position(self, reason: str) -> None:
         """Note why the position has become uncertain; the first reason stays."""
         with self._changed:
-            self._doubt = self._doubt or reason
+            self._trouble.doubt = self._trouble.doubt or reason
             self.moving = False
 
     def trust_position(self) -> None:
         """Note that the position is certain again."""
         with self._changed:
-            self._doubt = ''
-            self._incident = None
+            self._trouble.trust_position()
 
     def begin_command(self, *, after_stop: bool) -> None:
         """Forget what broke the last command, and a stop if this command follows it."""
         with self._changed:
-            self._incident = None
-            if after_stop:
-                self._stop_wanted = False
+            self._trouble.begin_command(after_stop=after_stop)
 
     def require_certainty(self) -> None:
         """
@@ -162,14 +155,14 @@ class GrblLink:
             If something else is in the way.
         """
         with self._changed:
-            self._raise_trouble()
-            if self._doubt:
-                raise ArmPositionError(f'position is uncertain: {self._doubt}; home the arm')
+            self._trouble.check()
+            if self.doubt:
+                raise ArmPositionError(f'position is uncertain: {self.doubt}; home the arm')
 
     def interrupt(self) -> None:
         """Begin to brake and make the running command raise."""
         with self._changed:
-            self._stop_wanted = True
+            self._trouble.stop_wanted = True
             if self.homing:  # only a reset ends it
                 self._banner_wanted = True
                 self._line.write(grbl.SOFT_RESET)
@@ -186,7 +179,8 @@ class GrblLink:
         """End reading, fail who waits, close the port. Idempotent."""
         with self._changed:
             self._reading = False
-            self._broken = self._broken or ArmConnectionError(f'port {self.port} was closed')
+            closed = ArmConnectionError(f'port {self.port} was closed')
+            self._trouble.broken = self._trouble.broken or closed
             self._changed.notify_all()
         with suppress(ArmError):
             self._line.cancel_read()
@@ -267,7 +261,7 @@ class GrblLink:
         """Send lines at once; ``moves`` says that they set the arm in motion."""
         lines = [SentLine(text) for text in texts]
         with self._changed:
-            self._raise_trouble()
+            self._trouble.check()
             self._pending.extend(lines)
             self.moving = self.moving or moves
             self.probe = None if moves else self.probe
@@ -329,7 +323,7 @@ class GrblLink:
     def write(self, data: bytes) -> None:
         """Send bytes that are not answered by ``ok``."""
         with self._changed:
-            self._raise_trouble()
+            self._trouble.check()
             self._line.write(data)
 
     def until(self, happened: Callable[[], bool], timeout: float) -> bool:
@@ -337,7 +331,7 @@ class GrblLink:
         deadline = time.monotonic() + timeout
         with self._changed:
             while True:
-                self._raise_trouble()
+                self._trouble.check()
                 if happened():
                     return True
                 remaining = deadline - time.monotonic()
@@ -355,14 +349,6 @@ class GrblLink:
     def _query_timeout(self) -> float:
         return self.response_timeout / _QUERIES
 
-    def _raise_trouble(self) -> None:
-        if self._broken is not None:
-            raise ArmConnectionError(str(self._broken)) from self._broken
-        if self._stop_wanted:
-            raise ArmStoppedError(f'arm on port {self.port} was stopped')
-        if self._incident is not None:
-            raise self._incident
-
     # The reader thread.
 
     def _read(self) -> None:
@@ -376,7 +362,7 @@ class GrblLink:
                         self._changed.notify_all()
         except ArmConnectionError as error:
             with self._changed:
-                self._broken = error
+                self._trouble.broken = error
                 self._changed.notify_all()
 
     def _receive(self, message: grbl.Message, received: float) -> None:
@@ -402,13 +388,12 @@ class GrblLink:
     def _receive_banner(self, banner: grbl.Banner) -> None:
         self._pending.clear()
         self._banner = banner
-        if not self._banner_wanted and not self._doubt:
-            self.lose_position(f'controller on port {self.port} restarted by itself')
-            self._incident = ArmPositionError(f'position is lost: {self._doubt}')
+        if not self._banner_wanted:
+            self._trouble.note_restart()
+            self.moving = False
         self._banner_wanted = False
 
     def _receive_alarm(self, alarm: grbl.Alarm) -> None:
         self._pending.clear()
         self.moving = False
-        self._doubt = f'controller on port {self.port} reported {alarm.meaning}'
-        self._incident = ArmAlarmError(f'{self._doubt}; home the arm')
+        self._trouble.note_alarm(alarm.meaning)
