@@ -112,6 +112,7 @@ class Graph:
         self.compresses = compresses
         self.results: dict[int, dict[str, Any]] = {}
         self.progress: list[float] = []
+        self._begun = 0  # when the sweep did [ns]
         self.spoil_frame: Callable[[Image], list[Image]]
         self.spoil_file: Callable[[bytes], bytes]
         self.spoil_info: Callable[[CameraInfo], CameraInfo]
@@ -335,6 +336,7 @@ class Graph:
         while time.monotonic() < deadline:
             self.results.clear()
             self.progress.clear()
+            self._begun = time.time_ns()
             answer = self.call('mosaicer/start')
             if answer.success:
                 return ''
@@ -353,9 +355,9 @@ class Graph:
 
     @property
     def scans(self) -> list[dict[str, Any]]:
-        """Complete results since the sweep began, oldest first."""
+        """Complete results of the sweep, oldest first; those of the one before may come again."""
         return [
             self.results[stamp]
             for stamp in sorted(self.results)
-            if len(self.results[stamp]) == len(_RESULTS)
+            if stamp > self._begun and len(self.results[stamp]) == len(_RESULTS)
         ]
