@@ -37,8 +37,8 @@ Change = tuple[float, float, float]
 WIDTH, CELL = 160, 8
 #: Cells outside of these may be clipped and tell nothing [grey levels].
 DARKEST, BRIGHTEST = 12, 235
-#: Fewest cells that tell a gain.
-FEWEST_CELLS = 12
+#: Fewest cells that tell a gain, and their least share of all.
+FEWEST_CELLS, LEAST_SHARE = 12, 0.25
 #: Frames displaced by more of the width differ too much by near things and what comes into view,
 #: to tell what has changed in a part of the view; and to tell a gain.
 LARGEST_SHIFT, FARTHEST_SHIFT = 0.04, 0.12
@@ -164,7 +164,8 @@ class Light:
         if not self._ratios:
             return np.ones((self.frames, 1)), []
         ratios = np.array(self._ratios)
-        scatter = 1.4826 * np.median(np.abs(ratios - np.median(ratios, axis=0)), axis=0)
+        known = ratios[ratios.any(axis=1)] if ratios.any() else ratios
+        scatter = 1.4826 * np.median(np.abs(known - np.median(known, axis=0)), axis=0)
         steps = np.any(np.abs(ratios) > np.maximum(LEAST_STEP, STANDING_OUT * scatter), axis=1)
         told, changes = np.where(steps[:, np.newaxis], ratios, 0.0), list(self._changes)
         became = self._became(turn)
@@ -301,7 +302,7 @@ def _hidden(ratios: Floats, became: Floats) -> int | None:
 def _step(before: Floats, after: Floats) -> float | None:
     """Logarithm of the factor between cells, shape (rows, columns); None for too few."""
     told = (before > DARKEST) & (before < BRIGHTEST) & (after > DARKEST) & (after < BRIGHTEST)
-    if told.sum() < FEWEST_CELLS:
+    if told.sum() < max(FEWEST_CELLS, LEAST_SHARE * told.size):
         return None
     levels = np.log(np.maximum(before, 1.0))
     down, across = (slope[told] for slope in np.gradient(levels))

@@ -133,6 +133,20 @@ def test_what_is_no_step_is_not_taken_for_a_hidden_one(change):
     assert (swept(change=change, rig=coarse).light_steps()[0] == 1.0).all()
 
 
+@pytest.mark.parametrize(('lit', 'shade'), [(2.0, 0.0), (1.6, 0.6)])
+def test_dark_part_of_a_turn_makes_no_steps_of_the_rest(lit, shade):
+    """Few cells that are not dark tell no gain, and dark frames not how much others scatter."""
+
+    def night(_, azimuth, frame):
+        off = np.remainder(azimuth - np.arctan((np.arange(WIDTH) - 47.5) / 100.0) - 0.3, math.tau)
+        level = np.where(off < lit, 1.0 - shade * (np.sin(9 * off) > 0), 0.05)
+        return frame * level[np.newaxis, :, np.newaxis]
+
+    gains, changes = swept(change=night, rig=coarse).light_steps()
+    assert (gains == 1.0).all()
+    assert not changes
+
+
 def test_gain_that_stays_does_not_drift_over_a_turn():
     sweep = swept(lambda k: 1.0 if k < 90 else 0.8)
     assert sweep.light_steps()[0][-1] == pytest.approx(0.8 * np.ones(3), abs=0.005)
