@@ -207,3 +207,5 @@ def _run(report: Connection, number: int, names: Sequence[str], seed: int, end: 
         signal.signal(each, leave)
     die_with_parent(signal.SIGTERM)
     report.send(_outcomes(number, names, seed, end))
+    for each in ends:  # the campaign ends what is about to end by itself
+        signal.signal(each, signal.SIG_IGN)
