@@ -61,6 +61,13 @@ def report(
     scan = results['scan']
     ranges = np.array(scan.ranges, dtype=np.float64)
     left, right = (panorama_geometry(results[f'{eye}/camera_info']) for eye in ('left', 'right'))
+    unseen = left.columns - int(left.seen.sum())
+    if unseen:
+        print(
+            f'{unseen} of {left.columns} columns are unknown, for no frame reached them: this '
+            'machine was too busy',
+            flush=True,
+        )
     room = furnished_room(room_seed)
     truth = {eye: _truth(room, eye) for eye in (left, right)}
     depth_score = score_depth(
