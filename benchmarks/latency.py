@@ -176,7 +176,7 @@ def run(chosen: argparse.Namespace) -> Iterator[list[str]]:
     framerate = chosen.framerate
     stripe = next(
         n for n in range(1, COLUMNS)
-        if COLUMNS % n == 0 and n >= 1.25 * COLUMNS / (chosen.turn_time * framerate)
+        if COLUMNS % n == 0 and n >= 2 * COLUMNS / (chosen.turn_time * framerate)
     ) if steady else 1  # fmt: skip
     count = round(chosen.turn_time * framerate) if steady else COLUMNS
     events = (

@@ -2,7 +2,7 @@
 Sweeps of an arm that turns steadily while the camera runs at its own rate.
 
 Every frame is placed by the arm's azimuth at the middle of its exposure and fills the columns
-within its stripe; of two frames the nearer one wins a column (``sweep``).
+within its stripe, those that the next one reaches together with it (``sweep``).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy.typing as npt
 from panodepth_ros.mosaic.arm_motion import ArmMotion, Turning
 from panodepth_ros.mosaic.builder import SweepBuilder
 from panodepth_ros.mosaic.rig import Rig
+from panodepth_ros.mosaic.steady import SteadySweep
 from panodepth_ros.mosaic.sweep import Sweep
 
 #: An arm slower than this counts as standing: its frames show nothing new [columns/s].
@@ -68,12 +69,12 @@ class ContinuousAssembler(SweepBuilder[ArmMotion]):
             or abs(place.velocity) < SLOWEST * self.rig.column_step
         ):
             return []
-        direction = math.copysign(1.0, place.velocity)
-        finished = self._end_before(place.azimuth, direction)
+        direction, row_turn = math.copysign(1.0, place.velocity), place.velocity * self.row_time
         assert self.camera is not None  # frames are kept only with a camera
-        sweep = self.sweep or Sweep(self.rig, self.camera, place.azimuth)
+        finished = []
         try:
-            row_turn = place.velocity * self.row_time
+            finished = self._end_before(image, place.azimuth, direction, row_turn)
+            sweep = self.sweep or SteadySweep(self.rig, self.camera, place.azimuth)
             sweep.add(stamp, image, place.azimuth, row_turn=row_turn)
         except ValueError as error:
             self.drops[str(error)] += 1
@@ -82,14 +83,19 @@ class ContinuousAssembler(SweepBuilder[ArmMotion]):
         self.taken(image, place.azimuth)
         return finished
 
-    def _end_before(self, azimuth: float, direction: float) -> list[Sweep]:
+    def _end_before(
+        self, image: npt.NDArray[np.uint8], azimuth: float, direction: float, row_turn: float
+    ) -> list[Sweep]:
         """End the sweep under construction if this frame is not its own any more."""
         sweep = self.sweep
         if sweep is None:
             return []
+        assert isinstance(sweep, SteadySweep)  # no other is begun
         turned_back = direction != self._direction
         if not turned_back and sweep.travelled(azimuth) < sweep.rig.sweep_columns:
             return []
+        if not turned_back:
+            sweep.close(image, azimuth, row_turn)
         self.sweep = None
         if sweep.progress < LEAST_SHARE:
             why = 'arm turned back before' if turned_back else 'frames reached less than'

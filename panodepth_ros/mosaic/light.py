@@ -26,7 +26,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from panodepth_ros.geometry import PinholeCamera
+from panodepth_ros.geometry import PanoramaGeometry, PinholeCamera
 
 Image = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
@@ -279,6 +279,43 @@ class Light:
         light._ratios = list(ratios)
         light._changes = [(float(at), float(low), float(high)) for at, low, high in changes]
         return light
+
+
+def at_frames(gains: Floats, frame: Floats) -> Floats:
+    """Gains (frames, channels) at numbers of frames (N,): between two, or beyond the last."""
+    frame = np.minimum(frame, len(gains) - 1)
+    before = np.floor(frame).astype(np.intp)
+    after = np.minimum(before + 1, len(gains) - 1)
+    share = (frame - before)[:, np.newaxis]
+    return np.asarray(gains[before] + share * (gains[after] - gains[before]))
+
+
+def changed_columns(
+    geometry: PanoramaGeometry, changes: list[Change], margin: float, widest: float
+) -> npt.NDArray[np.bool_]:
+    """
+    Columns where one eye has seen what was before a change, the other what came after.
+
+    Parameters
+    ----------
+    geometry : PanoramaGeometry
+    changes : list of Change
+    margin : float
+        Added to either side [rad].
+    widest : float
+        Largest principal angle of the sweep's panoramas [rad].
+
+    Returns
+    -------
+    ndarray of bool, shape (N,)
+    """
+    changed = np.zeros(geometry.columns, bool)
+    azimuth = geometry.ray_azimuth(np.arange(geometry.columns))
+    for arm_azimuth, least, largest in changes:
+        low, high = max(least - margin, -widest), min(largest + margin, widest)
+        off = np.remainder(azimuth - arm_azimuth + math.pi, 2 * math.pi) - math.pi
+        changed |= (off >= low) & (off <= high)
+    return changed
 
 
 def _channels(image: Image) -> int:

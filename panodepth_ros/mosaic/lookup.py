@@ -94,18 +94,23 @@ def _positions(
     ray_angle: float,
     row_turn: float,
 ) -> _Table | None:
-    u, v = camera.project(ray_angle, slope)
+    # As wide in the middle of the image as at its edges, but for a strongly distorting lens.
+    angles = np.full(slope.size + 2, ray_angle)
+    angles[-2:] += np.array([-0.5, 0.5]) * column_step
+    middle = slope.size // 2
+    u, v = camera.project(angles, np.concatenate([slope, slope[[middle, middle]]]))
+    extent_u, extent_v = abs(u[-1] - u[-2]), abs(v[-1] - v[-2])
+    u, v = u[:-2], v[:-2]
     if row_turn:
         # A row that is exposed later sees the same azimuth at a smaller angle to the arm.
         behind = ray_angle - row_turn * (v - 0.5 * (camera.height - 1))
         u, v = camera.project(behind, slope)
     if not (u.min() >= -_HALF_PIXEL and u.max() <= camera.width - 1 + _HALF_PIXEL):
         return None
-    # As wide in the middle of the image as at its edges, but for a strongly distorting lens.
-    sides = ray_angle - 0.5 * column_step, ray_angle + 0.5 * column_step
-    side_u, side_v = camera.project(sides, slope[slope.size // 2])
-    rows, share_v = _shares(v, abs(side_v[1] - side_v[0]), camera.height)
-    columns, share_u = _shares(u, abs(side_u[1] - side_u[0]), camera.width)
+    if u.min() == u.max():
+        u = u[:1]  # upright in the frame: all rows have the same shares
+    rows, share_v = _shares(v, extent_v, camera.height)
+    columns, share_u = _shares(u, extent_u, camera.width)
     pixel = rows[:, :, np.newaxis] * camera.width + columns[:, np.newaxis]
     share = share_v[:, :, np.newaxis] * share_u[:, np.newaxis]
     return _Table(pixel.reshape(rows.shape[0], -1), share.reshape(rows.shape[0], -1))
@@ -181,8 +186,13 @@ def _shares(
     nearest = np.rint(middle)
     if np.abs(middle - nearest).max() < _EXACT:
         middle = nearest
-    reach = np.minimum(middle, size - 1.0 - middle) + 0.5
-    reach = np.minimum(reach, 0.5 * (extent if extent > WIDE else 1.0))
+    if extent <= WIDE:
+        first = np.floor(middle)
+        beyond = middle - first
+        pixel = first.astype(np.intp)[:, np.newaxis] + np.arange(2 if beyond.any() else 1)
+        share = np.stack([1.0 - beyond, beyond], axis=-1)[:, : pixel.shape[1]]
+        return np.minimum(pixel, size - 1), share
+    reach = np.minimum(np.minimum(middle, size - 1.0 - middle) + 0.5, 0.5 * extent)
     # A pixel covers from its number to the next one here.
     low = middle + 0.5 - reach
     first = np.floor(low)

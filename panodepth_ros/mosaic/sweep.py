@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from panodepth_ros.geometry import Panorama, PanoramaGeometry, PinholeCamera
+from panodepth_ros.geometry import Panorama, PinholeCamera
 from panodepth_ros.mosaic.closure import Seam, redistributed
-from panodepth_ros.mosaic.light import Change, Light
+from panodepth_ros.mosaic.light import Change, Light, at_frames, changed_columns
 from panodepth_ros.mosaic.lookup import snapped, visible_rows
 from panodepth_ros.mosaic.rig import Rig, panorama_names
 from panodepth_ros.mosaic.view import Mark, View, check_stripes, checked, widest_deviation
 
 #: Frames so close to a column's place have met it [columns].
-_SAME_PLACE = 1e-6
+SAME_PLACE = 1e-6
 
 
 class Sweep:
@@ -70,7 +70,7 @@ class Sweep:
         self._last_azimuth = first_azimuth
         self.seam = Seam() if rig.turn_closes else None
         self.light = Light(camera) if rig.mends_light else None
-        self._frame = np.zeros(rig.columns, np.int64)
+        self._frame: npt.NDArray[Any] = np.zeros(rig.columns, np.int64)
 
     @property
     def velocity(self) -> float:
@@ -104,11 +104,11 @@ class Sweep:
         again by the last one.
         """
         rig, turned = self.rig, self._last_azimuth - self._first_azimuth
-        azimuth = self._reference + (rig.columns / 2 - np.arange(rig.columns)) * rig.column_step
-        ahead = math.copysign(1.0, turned) * (azimuth - self._first_azimuth) / rig.column_step
+        ahead = self._column(self._first_azimuth) - np.arange(rig.columns)
+        ahead *= math.copysign(1.0, turned)
         # Rounding must not decide about a column that a frame has met exactly.
-        ahead = (ahead + _SAME_PLACE) % rig.columns
-        passed = ahead <= abs(turned) / rig.column_step + 2 * _SAME_PLACE
+        ahead = (ahead + SAME_PLACE) % rig.columns
+        passed = ahead <= abs(turned) / rig.column_step + 2 * SAME_PLACE
         return np.asarray(self.seen & passed & (ahead < rig.columns - rig.reach))
 
     @property
@@ -175,6 +175,14 @@ class Sweep:
             If the image has another size than the camera or another kind than the first one, or a
         rolling shutter shears the stripes over its side.
         """
+        self._check(image, row_turn)
+        if self.rig.sweep_steps > self.rig.sweep_frames and self.columns_left(arm_azimuth) <= 0:
+            self._count(stamp, image, arm_azimuth)
+            return 0
+        return self._take(stamp, image, arm_azimuth, row_turn)
+
+    def _check(self, image: npt.NDArray[np.uint8], row_turn: float) -> None:
+        """Raise a ValueError for a frame that does not belong to the sweep."""
         expected = (self.camera.height, self.camera.width)
         if image.shape[:2] != expected:
             raise ValueError(
@@ -187,13 +195,14 @@ class Sweep:
                 f'frame has {image.shape[2] if image.ndim == 3 else 1} channels, '
                 f'the sweep began with {first.shape[2] if first.ndim == 3 else 1}'
             )
-        rig = self.rig
         if row_turn:
-            check_stripes(rig, self.camera, self._offsets, row_turn)
-        if rig.sweep_steps > rig.sweep_frames and self.columns_left(arm_azimuth) <= 0:
-            self._count(stamp, image, arm_azimuth)
-            return 0
-        own = rig.columns / 2 - (arm_azimuth - self._reference) / rig.column_step
+            check_stripes(self.rig, self.camera, self._offsets, row_turn)
+
+    def _take(
+        self, stamp: int, image: npt.NDArray[np.uint8], arm_azimuth: float, row_turn: float
+    ) -> int:
+        """Fill the columns around a frame; return how many."""
+        rig, own = self.rig, self._column(arm_azimuth)
         filled = 0
         for column in range(math.ceil(own - rig.reach), math.floor(own + rig.reach) + 1):
             deviation = (own - column) * rig.column_step
@@ -201,6 +210,10 @@ class Sweep:
         if filled:
             self._count(stamp, image, arm_azimuth)
         return filled
+
+    def _column(self, arm_azimuth: float) -> float:
+        """Column that belongs to an arm azimuth [rad], not wrapped."""
+        return self.rig.columns / 2 - (arm_azimuth - self._reference) / self.rig.column_step
 
     def _count(self, stamp: int, image: npt.NDArray[np.uint8], arm_azimuth: float) -> None:
         """Let a frame be the last one that was taken."""
@@ -218,20 +231,28 @@ class Sweep:
         """Fill column x, which belongs to ``deviation`` beyond the frame's arm azimuth."""
         if abs(deviation) >= self._deviation[x]:
             return False
-        samples = {}
-        for name, view in self._views.items():
-            principal_angle = view.principal_angle
-            angle = snapped(self.rig.ray_angle(principal_angle, deviation), principal_angle)
-            column = view.lookup.column(image, angle, row_turn)
-            if column is None:
-                return False
-            samples[name] = (angle, column)
-        for name, (angle, column) in samples.items():
-            view = self._views[name]
+        samples = self._samples(deviation, image, row_turn)
+        if samples is None:
+            return False
+        for view, (angle, column) in zip(self._views.values(), samples, strict=True):
             view.fill(x, angle, column)
         self._deviation[x] = abs(deviation)
         self._frame[x] = self.light.frames if self.light is not None else 0
         return True
+
+    def _samples(
+        self, deviation: float, image: npt.NDArray[np.uint8], row_turn: float
+    ) -> list[tuple[float, npt.NDArray[np.uint8]]] | None:
+        """Ray angle and column of each view, ``deviation`` beyond a frame; None if one is not."""
+        samples = []
+        for view in self._views.values():
+            principal_angle = view.principal_angle
+            angle = snapped(self.rig.ray_angle(principal_angle, deviation), principal_angle)
+            column = view.lookup.column(image, angle, row_turn)
+            if column is None:
+                return None
+            samples.append((angle, column))
+        return samples
 
     def panoramas(self, *, settled: bool = False, lost: float = 0.0) -> dict[str, Panorama]:
         """
@@ -257,7 +278,8 @@ class Sweep:
         order = self._order()
         mends = self.light is not None and not settled
         gains, changes = self.light_steps() if mends else (np.ones((1, 1)), [])
-        gains = gains[self._frame] if mends else gains
+        gains = at_frames(gains, self._frame) if mends else gains
+        widest = max(abs(view.principal_angle) for view in self._views.values())
         panoramas = {}
         for name, view in self._views.items():
             assert view.image is not None
@@ -271,7 +293,8 @@ class Sweep:
                 )
             geometry = view.geometry(self.rig, self._reference, duration, ray_angle)
             if changes:
-                changed = self._changed(geometry, changes)
+                margin = self.rig.stripe_columns * self.rig.column_step
+                changed = changed_columns(geometry, changes, margin, widest)
                 image[:, changed] = 0
                 geometry = replace(geometry, ray_angle=np.where(changed, np.nan, ray_angle))
             panoramas[name] = Panorama(image, geometry)
@@ -286,24 +309,11 @@ class Sweep:
             turn = self._first_azimuth + whole - self._last_azimuth
         return self.light.steps(turn)
 
-    def _changed(self, geometry: PanoramaGeometry, changes: list[Change]) -> npt.NDArray[np.bool_]:
-        """Columns where one eye has seen what was before a change, the other what came after."""
-        changed = np.zeros(self.rig.columns, bool)
-        widest = max(abs(view.principal_angle) for view in self._views.values())
-        azimuth = geometry.ray_azimuth(np.arange(self.rig.columns))
-        margin = self.rig.stripe_columns * self.rig.column_step
-        for arm_azimuth, least, largest in changes:
-            low, high = max(least - margin, -widest), min(largest + margin, widest)
-            off = np.remainder(azimuth - arm_azimuth + math.pi, 2 * math.pi) - math.pi
-            changed |= (off >= low) & (off <= high)
-        return changed
-
     def _order(self) -> npt.NDArray[np.int64]:
         """Columns in the order in which the arm came to them, beginning behind the first frame."""
-        rig = self.rig
-        first = rig.columns / 2 - (self._first_azimuth - self._reference) / rig.column_step
-        ahead = np.arange(rig.columns) - (rig.stripe_columns - 1) // 2
-        return np.asarray((round(first) - self.direction * ahead) % rig.columns)
+        columns, first = self.rig.columns, round(self._column(self._first_azimuth))
+        ahead = np.arange(columns) - (self.rig.stripe_columns - 1) // 2
+        return np.asarray((first - self.direction * ahead) % columns)
 
     def mark(self) -> Mark:
         """Note how far the sweep is, for :meth:`arrays`."""
@@ -384,11 +394,5 @@ class Sweep:
         """
         lost = np.flatnonzero(~self.seen)
         runs = np.split(lost, np.flatnonzero(np.diff(lost) > 1) + 1) if lost.size else []
-        step, half = self.rig.column_step, self.rig.columns / 2
-        return [
-            (
-                self._reference + (half - float(run[0])) * step,
-                self._reference + (half - float(run[-1])) * step,
-            )
-            for run in runs
-        ]
+        ends = [(self.rig.columns / 2 - run[[0, -1]]) * self.rig.column_step for run in runs]
+        return [(self._reference + float(a), self._reference + float(b)) for a, b in ends]

@@ -137,6 +137,12 @@ class CameraParameters:
     simulated_k2: float = parameter(
         0.0, 'Second radial distortion of the simulated lens', bounds=(-1.0, 1.0)
     )
+    simulated_exposure_ms: float = parameter(
+        0.0,
+        'How long the simulated camera exposes a frame, whose stamp is the middle of it',
+        unit='ms',
+        bounds=(0.0, 100.0),
+    )
     noise_stddev: float = parameter(
         1.5, 'Noise of the simulated sensor in grey levels', bounds=(0.0, 50.0)
     )
@@ -255,6 +261,7 @@ def open_source(
             arm_radius=settings.simulated_arm_radius,
             arm_truth=settings.simulated_arm_truth,
             framerate=settings.framerate,
+            exposure=settings.simulated_exposure_ms * 1e-3,
             noise_stddev=settings.noise_stddev,
             seed=settings.room_seed,
             grey=settings.grey,

@@ -100,7 +100,7 @@ class MosaicerParameters(SteppingParameters):
     stripe_columns: int = parameter(
         1,
         "Columns that one frame fills, a divisor of those of a turn; the arm's step must be as "
-        'many column steps, a steady turn at most as many from frame to frame',
+        'many column steps, a steady turn at most as many from frame to frame, best half as many',
         bounds=(1, 360),
     )
     stripe_distance: float = parameter(

@@ -36,6 +36,7 @@ def opened(room: Room, truth: Path, **changes: object) -> SimulatedSource:
         'arm_radius': 0.3,
         'arm_truth': str(truth),
         'framerate': 100.0,
+        'exposure': 0.0,
         'noise_stddev': 0.0,
         'seed': 0,
         'grey': False,
@@ -56,6 +57,25 @@ def test_frames_show_the_arm_where_it_is_while_it_moves(room: Room, truth: Path)
         azimuth = 0.5 + 2.0 * max(frame.stamp - begin, 0.0)
         np.testing.assert_array_equal(frame.image, room.render(azimuth, CAMERA, 0.3))
         assert frame.stamp <= time.monotonic()
+    source.close()
+    arm.close()
+
+
+def test_an_exposure_sees_all_that_the_arm_turns_past(room: Room, truth: Path) -> None:
+    arm = TruthWriter(truth, 0.5)
+    source = opened(room, truth, exposure=0.02)
+    standing = source.read()
+    np.testing.assert_array_equal(standing.image, room.render(0.5, CAMERA, 0.3))
+    begin = time.monotonic()
+    arm.write([Piece(-math.inf, 0.5), Piece(begin, 0.5, 2.0)])
+    for _ in range(5):
+        frame = source.read()
+    moments = frame.stamp + np.linspace(-0.01, 0.01, 101) - begin
+    seen = [room.render(0.5 + 2.0 * t, CAMERA, 0.3).astype(float) for t in moments]
+    blurred = np.mean(seen, axis=0)
+    off = np.abs(frame.image - blurred)
+    assert off.mean() < 1.0
+    assert off.mean() < 0.2 * np.abs(seen[50] - blurred).mean(), 'no sharp frame is'
     source.close()
     arm.close()
 

@@ -1,5 +1,6 @@
 """Frames of a steadily turning arm to sweeps, and the delay of their clock."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -68,8 +69,20 @@ def test_a_turn_becomes_a_panorama_of_exact_rays():
         bearing = geometry.ray_azimuth(np.arange(COLUMNS))
         error = panorama.image - scene(bearing)
         assert np.abs(error).max() < 3.0  # rounding and linear interpolation
-        # No frame was taken just at a column: the rays say where each was seen from.
-        assert 0.1 * STEP < np.ptp(geometry.ray_angle) < 2.0 * STEP
+        # A frame reaches 0.75 columns, less than to the next one: the rays tell what remains.
+        assert 0.01 * STEP < np.ptp(geometry.ray_angle) < 0.1 * STEP
+
+
+@pytest.mark.parametrize('direction', [1.0, -1.0])
+def test_a_turn_closes_with_the_frame_after_its_last_one(direction):
+    rig = dataclasses.replace(RIG, stripe_columns=10)
+    lost = [k for k in range(17 * 30) if k % 4]  # 3.2 columns a frame
+    (sweep,) = record(assembler(rig=rig), 17.0, direction=direction, lost=lost)
+    assert sweep.complete
+    for panorama in sweep.panoramas().values():
+        geometry = panorama.geometry
+        assert np.ptp(geometry.ray_angle) < 1e-6
+        assert np.abs(panorama.image - scene(geometry.ray_azimuth(np.arange(COLUMNS)))).max() < 3.0
 
 
 def test_the_next_turn_begins_where_the_last_one_ended():

@@ -7,6 +7,7 @@ import pytest
 
 from panodepth_ros.geometry import PinholeCamera
 from panodepth_ros.mosaic import Rig, Sweep
+from panodepth_ros.mosaic.steady import SteadySweep
 
 COLUMNS, WIDTH, HEIGHT = 180, 96, 64
 STEP = 2 * math.pi / COLUMNS
@@ -145,6 +146,22 @@ def test_dark_part_of_a_turn_makes_no_steps_of_the_rest(lit, shade):
     gains, changes = swept(change=night, rig=coarse).light_steps()
     assert (gains == 1.0).all()
     assert not changes
+
+
+def test_steps_of_the_gain_are_removed_from_columns_between_two_frames():
+    wide = {'column_offset': 26.0, 'stripe_columns': 2}
+    panoramas = []
+    for darker in (1.0, 0.6):
+        sweep = SteadySweep(rig(**wide), CAMERA, 0.0)
+        for k in range(60):
+            azimuth = 0.6 * k * STEP
+            frame = scene(azimuth) * (darker if k >= 33 else 1.0)
+            sweep.add(k + 1, np.clip(np.rint(frame), 0, 255).astype(np.uint8), azimuth)
+        assert sweep.light_steps()[0][-1] == pytest.approx(darker, abs=0.01)
+        panoramas.append(sweep.panoramas())
+    for name, panorama in panoramas[1].items():
+        off = np.abs(panorama.image.astype(float) - panoramas[0][name].image).mean(axis=(0, 2))
+        assert off.max() < 2.0
 
 
 def test_gain_that_stays_does_not_drift_over_a_turn():

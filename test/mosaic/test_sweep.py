@@ -9,6 +9,7 @@ import pytest
 from panodepth_ros.geometry import PinholeCamera
 from panodepth_ros.mosaic import Rig, Sweep
 from panodepth_ros.mosaic.rig import columns_per_turn
+from panodepth_ros.mosaic.steady import SteadySweep
 
 COLUMNS = 90
 STEP = 2 * math.pi / COLUMNS
@@ -199,16 +200,19 @@ def test_step_that_does_not_fit_a_turn_is_refused():
 
 @pytest.mark.parametrize('direction', [1, -1], ids=['forward', 'backward'])
 @pytest.mark.parametrize('stripe', [1, 5, 6])
-def test_settled_columns_stay_as_they_are_and_follow_the_arm(stripe, direction):
+@pytest.mark.parametrize('kind', [Sweep, SteadySweep])
+def test_settled_columns_stay_as_they_are_and_follow_the_arm(stripe, direction, kind):
     rig = dataclasses.replace(RIG, stripe_columns=stripe, column_offset=6.0, stripe_distance=2.0)
     steps = np.random.default_rng(1).uniform(0.5, 0.9 * max(stripe, 1), 400).cumsum()
     azimuths = 0.2 + direction * STEP * np.concatenate([[0], steps[steps < COLUMNS]])
     if stripe == 1:
         azimuths = 0.2 + direction * STEP * np.arange(COLUMNS)
-    sweep = Sweep(rig, CAMERA, azimuths[0])
+    sweep = kind(rig, CAMERA, azimuths[0])
     seen_so_far = []
     for k, azimuth in enumerate(azimuths):
         sweep.add(k, frame(k % 256), azimuth)
+        if sweep.start is None:
+            continue
         seen_so_far.append((sweep.settled, sweep.panoramas(settled=True)))
         travelled = abs(azimuth - azimuths[0]) / STEP
         assert sweep.settled.sum() > travelled - stripe - 1

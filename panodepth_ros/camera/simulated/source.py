@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 
@@ -31,8 +32,8 @@ class SimulatedSource:
     """
     A free-running camera on the simulated arm.
 
-    Its exposures are short: each sees the arm where it truly is at the start of the exposure,
-    moving or not. Exposures that come while a frame is still rendered are skipped.
+    Each exposure sees the arm where it truly is, moving or not; its stamp is the middle of it.
+    Exposures that come while a frame is still rendered are skipped.
 
     Parameters
     ----------
@@ -46,6 +47,8 @@ class SimulatedSource:
         Path of the simulated arm's truth file.
     framerate : float
         Exposures per second [Hz].
+    exposure : float
+        How long each of them is [s]: a turning arm blurs the frame.
     noise_stddev : float
         Standard deviation of the sensor's noise [grey levels].
     seed : int
@@ -68,6 +71,7 @@ class SimulatedSource:
         arm_radius: float,
         arm_truth: str,
         framerate: float,
+        exposure: float,
         noise_stddev: float,
         seed: int,
         grey: bool,
@@ -78,6 +82,7 @@ class SimulatedSource:
         self._room = room
         self._camera = RealCamera(camera)
         self._arm_radius = arm_radius
+        self._exposure = exposure
         self._noise_stddev = noise_stddev
         self._rng = np.random.default_rng(seed)
         self._grey = grey
@@ -97,10 +102,9 @@ class SimulatedSource:
             self._arm = _wait_for_arm(self._arm_truth, self._stop)
         stamp = self._schedule.wait()
         try:
-            arm_azimuth = self._arm.azimuth(stamp)
+            image = self._exposed(self._arm, stamp)
         except TruthError as error:
             raise SourceLostError(str(error)) from error
-        image = self._camera.render(self._room, arm_azimuth, self._arm_radius)
         noisy = self._noisy(to_grey(image) if self._grey else image)
         return Frame(noisy, stamp)
 
@@ -108,6 +112,19 @@ class SimulatedSource:
         """Let go of the truth file. Idempotent."""
         if self._arm is not None:
             self._arm.close()
+
+    def _exposed(self, arm: TruthReader, stamp: float) -> Image:
+        """Mean of what is seen at moments between which the picture moves by up to a pixel."""
+        begin, end = (arm.azimuth(stamp + side * self._exposure) for side in (-0.5, 0.5))
+        parts = 1 + math.ceil(abs(end - begin) * self._camera.camera.fx)
+        moments = stamp + self._exposure * ((np.arange(parts) + 0.5) / parts - 0.5)
+        seen = [
+            self._camera.render(self._room, arm.azimuth(float(moment)), self._arm_radius)
+            for moment in moments
+        ]
+        if parts == 1:
+            return seen[0]
+        return np.asarray(np.rint(np.mean(seen, axis=0, dtype=np.float32)), np.uint8)
 
     def _noisy(self, image: Image) -> Image:
         if self._noise_stddev == 0.0:
