@@ -149,11 +149,20 @@ def _columns_of_video(file: Path, columns: Sequence[int]) -> list[Image]:
     return [np.stack([frame[:, k] for frame in taken], axis=1) for k in range(len(columns))]
 
 
-def own_room(seed: int, *, columns: int = 1800, further: bool = True) -> Scene:
-    """Furnished room of the demo, 120 rows, r = 0.3 m, columns 150 and 9 of 160 at 34°."""
+def own_room(
+    seed: int,
+    *,
+    columns: int = 1800,
+    further: bool = True,
+    rows: int = 120,
+    right_column: int = 150,
+    noise: float = NOISE,
+    contrast: float = 1.0,
+) -> Scene:
+    """Furnished room of the demo, r = 0.3 m, seen by two columns of 160 at 34°."""
     rng = np.random.default_rng(seed)
     room = furnished_room(seed)
-    camera = RoomCamera.from_field_of_view(160, 120, math.radians(34.0))
+    camera = RoomCamera.from_field_of_view(160, rows, math.radians(34.0))
     radius, step = 0.3, 2 * math.pi / columns
     arm_azimuth = math.pi - np.arange(columns) * step  # columns run clockwise
 
@@ -174,7 +183,7 @@ def own_room(seed: int, *, columns: int = 1800, further: bool = True) -> Scene:
             sweep_duration=0.0,
             ray_angle=np.full(columns, ray_angle),
         )
-        return Panorama(_noisy(image, rng), geometry)
+        return Panorama(_noisy(128 + contrast * (image - 128.0), rng, noise), geometry)
 
     def view(geometry: PanoramaGeometry) -> View:
         truth = truth_panorama(
@@ -186,8 +195,8 @@ def own_room(seed: int, *, columns: int = 1800, further: bool = True) -> Scene:
         )
         return View(geometry, truth.radial_distance, truth.height, ~truth.occluded)
 
-    left, right = panorama(150), panorama(9)
-    more = further_columns(camera.cx, 150 - camera.cx) if further else []
+    left, right = panorama(right_column), panorama(159 - right_column)
+    more = further_columns(camera.cx, right_column - camera.cx) if further else []
     views = [view(left.geometry), view(right.geometry)]
     angle = right.geometry.principal_angle
     theta = angle - np.arcsin(radius * math.sin(angle) / views[0].distance)
@@ -198,6 +207,19 @@ def own_room(seed: int, *, columns: int = 1800, further: bool = True) -> Scene:
         further=[panorama(column) for column in more],
         disparity=2 * theta / step,
         views=views,
+    )
+
+
+def varied_room(seed: int) -> Scene:
+    """Furnished room whose rows, eyes, noise and contrast are drawn by its seed, too."""
+    rng = np.random.default_rng([seed, 1])
+    return own_room(
+        seed,
+        further=False,
+        rows=int(rng.choice([60, 120, 240])),
+        right_column=int(rng.choice([110, 130, 150])),
+        noise=float(rng.choice([0.5, 1.5, 3.0, 5.0])),
+        contrast=float(rng.choice([0.6, 1.0])),
     )
 
 
@@ -348,6 +370,6 @@ class _Texture:
         return np.asarray(lower + share * (upper - lower))
 
 
-def _noisy(image: npt.NDArray[Any], rng: np.random.Generator) -> Image:
-    noisy = np.rint(image + rng.normal(0, NOISE, image.shape))
+def _noisy(image: npt.NDArray[Any], rng: np.random.Generator, noise: float = NOISE) -> Image:
+    noisy = np.rint(image + rng.normal(0, noise, image.shape))
     return np.clip(noisy, 0, 255).astype(np.uint8)

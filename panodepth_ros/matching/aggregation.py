@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from panodepth_ros.matching.colour_pair import ColourPair, put, wrapped
-from panodepth_ros.matching.seam import Side, local_cuts, seen_around, sides_of
+from panodepth_ros.matching.seam import EDGE_REACH, Side, local_cuts, seen_around, sides_of
 from panodepth_ros.matching.semiglobal_costs import (
     CENSUS_COLUMNS,
     CENSUS_PLANES,
@@ -78,13 +78,14 @@ class Tiling:
         widest = max(self.size * strips // (rows * lanes_of(pair)), MARGIN_COLUMNS)
         seen = pair.left_seen & pair.right_seen
         cuts = local_cuts(pair.keys, seen, reach)
-        known = seen_around(seen, -reach, reach) if decided else None
+        decides = reach + EDGE_REACH
+        known = seen_around(seen, -decides, decides) if decided else None
         widest = min(widest, self.widest * reach // self.reach)
-        return sides_of(cuts, widest, pair.seam, known)
+        return sides_of(pair.keys, cuts, widest, pair.seam, known)
 
 
 #: Small, so that of a growing turn as much as possible is decided before its end.
-PAIR_TILING = Tiling(reach=128, widest=256, size=7_000_000)
+PAIR_TILING = Tiling(reach=96, widest=256, size=7_000_000)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from panodepth_ros.geometry import Panorama
 from panodepth_ros.matching.interface import grey_pair
-from panodepth_ros.matching.seam import Keys, canonical_seam, column_keys
+from panodepth_ros.matching.seam import Keys, canonical_seam, column_keys, texture_keys
 
 Bytes = npt.NDArray[np.uint8]
 Scalar = TypeVar('Scalar', bound=np.generic)
@@ -32,7 +32,7 @@ class ColourPair:
     first, candidates : int
         Candidate k of column x is column (x + first + k) mod W.
     keys : ndarray of int64, shape (W,)
-        Of what was seen in both columns x, see ``seam.column_keys``.
+        Of what was seen in and around both columns x, see ``seam.texture_keys``.
     """
 
     left: Bytes
@@ -70,6 +70,7 @@ def colour_pair(left: Panorama, right: Panorama) -> ColourPair:
     """
     grey = grey_pair(left, right)
     seen = np.stack([grey.left_seen, grey.right_seen]).astype(np.uint8)
+    keys = column_keys(seen, grey.left, grey.right)
     return ColourPair(
         left=colours(left),
         right=colours(right),
@@ -79,7 +80,7 @@ def colour_pair(left: Panorama, right: Panorama) -> ColourPair:
         right_seen=grey.right_seen,
         first=grey.first,
         candidates=grey.last - grey.first + 1,
-        keys=column_keys(seen, grey.left, grey.right),
+        keys=texture_keys(grey.left, grey.left_seen, keys),
     )
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from panodepth_ros.matching.aggregation import Tiling, Winners, aggregate
 from panodepth_ros.matching.colour_pair import ColourPair
-from panodepth_ros.matching.seam import column_keys
+from panodepth_ros.matching.seam import column_keys, texture_keys
 from panodepth_ros.matching.semiglobal_costs import CENSUS_COLUMNS, CENSUS_ROWS
 
 Bytes = npt.NDArray[np.uint8]
@@ -69,16 +69,17 @@ def rough_match(pair: ColourPair, pool: ThreadPoolExecutor) -> RoughMatch | None
 
     seam = pair.seam
     greys = small(pair.left_grey, seam), small(pair.right_grey, seam)
+    left_seen = small_seen(pair.left_seen, seam)
     rough = ColourPair(
         left=np.stack([small(channel, seam) for channel in pair.left]),
         right=np.stack([small(channel, seam) for channel in pair.right]),
         left_grey=greys[0],
         right_grey=greys[1],
-        left_seen=small_seen(pair.left_seen, seam),
+        left_seen=left_seen,
         right_seen=small_seen(pair.right_seen, seam),
         first=round(pair.first / ROUGH_SCALE),
         candidates=candidates,
-        keys=column_keys(*greys),
+        keys=texture_keys(greys[0], left_seen, column_keys(*greys)),
     )
     winners = Winners.none(*greys[0].shape)
     aggregate(rough, 1.0, pool, winners, ROUGH_TILING.sides(rough), colour=False)

@@ -7,11 +7,13 @@ import numpy.typing as npt
 import pytest
 
 from panodepth_ros.matching.seam import (
+    EDGE_REACH,
     canonical_seam,
     column_keys,
     local_cuts,
     seen_around,
     sides_of,
+    texture_keys,
 )
 
 
@@ -42,11 +44,61 @@ def test_a_panorama_without_content_has_a_seam_but_no_cut() -> None:
     assert canonical_seam(keys) == 0
     cuts = local_cuts(keys, np.ones(50, bool), 8)
     assert not cuts.any()
-    assert sides_of(cuts, 20, 7) == [(7, 17 + 7), (24, 33 + 7), (40, 57)]
+    assert sides_of(keys, cuts, 20, 7) == [(7, 17 + 7), (24, 33 + 7), (40, 57)]
+
+
+def test_cuts_lie_beside_the_edges_of_most_rows() -> None:
+    rng = np.random.default_rng(4)
+    grey, seen = np.full((10, 400), 90, np.uint8), np.ones(400, bool)
+    grey[:, 200] = 120  # all rows
+    grey[:6, 70] = 120  # more than half of them
+    grey[6:, 320] = 120
+    keys = rng.integers(0, 2**32, 400)
+    for rolled in (0, 195):
+        found = texture_keys(np.roll(grey, rolled, axis=1), seen, np.roll(keys, rolled))
+        order = (np.argsort(found) - rolled) % 400
+        near = 2 * EDGE_REACH + 1
+        assert (np.abs(order[:near] - 200) <= EDGE_REACH).all()
+        assert (np.abs(order[near : 2 * near] - 70) <= EDGE_REACH).all()
+        assert (np.abs(order[2 * near : 3 * near] - 320) <= EDGE_REACH).all()
+        # Where nothing is to be seen the keys given decide.
+        assert np.array_equal(np.roll(found, -rolled)[order[3 * near :]], keys[order[3 * near :]])
+
+
+def test_what_was_not_seen_is_no_edge() -> None:
+    grey, seen, keys = np.full((10, 100), 90, np.uint8), np.ones(100, bool), np.arange(100)
+    grey[:, 40:50] = 0
+    seen[40:50] = False
+    assert np.array_equal(texture_keys(grey, seen, keys), keys)
+
+
+def test_keys_depend_on_the_columns_within_reach_only() -> None:
+    rng = np.random.default_rng(5)
+    grey, seen, keys = rng.integers(0, 20, (10, 100), np.uint8), np.ones(100, bool), np.arange(100)
+    before = texture_keys(grey, seen, keys)
+    grey[:, 50] = 255
+    changed = np.flatnonzero(texture_keys(grey, seen, keys) != before)
+    assert [changed[0], changed[-1]] == [50 - EDGE_REACH, 50 + EDGE_REACH]
+
+
+def test_what_is_too_wide_is_divided_at_the_smallest_key_that_leaves_no_part_too_wide() -> None:
+    keys, cuts = np.full(100, 5), np.zeros(100, bool)
+    cuts[[10, 95]] = True
+    keys[[51, 54, 59]] = [3, 2, 1]
+    # Two parts of 42 and 43 columns: both may have three more if none may have more than 50.
+    assert sides_of(keys, cuts, 50, 0) == [(10, 54), (54, 95), (95, 110)]
+    assert sides_of(keys, cuts, 45, 0)[:2] == [(10, 51), (51, 95)]
+    keys[51] = 5
+    assert sides_of(keys, cuts, 45, 0)[:2] == [(10, 52), (52, 95)]
+    for widest in range(12, 50):
+        widths = [stop - start for start, stop in sides_of(keys, cuts, widest, 0)]
+        assert max(widths) <= widest
+        assert min(widths) > 0
+        assert len(widths) == -(-85 // widest) + -(-15 // widest)
 
 
 def cut(keys: npt.NDArray[np.int64], seen: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
-    return sides_of(local_cuts(keys, seen, 8), 20, 0)
+    return sides_of(keys, local_cuts(keys, seen, 8), 20, 0)
 
 
 def test_sides_cover_the_turn_once_roll_with_it_and_are_no_wider_than_allowed() -> None:
@@ -84,7 +136,7 @@ def test_sides_of_a_growing_turn_are_those_of_the_whole_turn() -> None:
     for count in range(20, 400, 20):
         seen = np.roll(np.arange(400) < count, 300)
         known = seen_around(seen, -8, 8)
-        sides = sides_of(local_cuts(keys, seen, 8), 20, 0, known)
+        sides = sides_of(keys, local_cuts(keys, seen, 8), 20, 0, known)
         assert set(sides) <= whole
         assert len(sides) >= before
         before = len(sides)
