@@ -26,7 +26,7 @@ ONLY_CHECKED = {
     r'(ls|v4l2-ctl) .*/dev/': 'needs hardware',
     r'.*(video_device|port):=/dev/': 'needs hardware',
     r'rviz2 ': 'no display; test_viewers reads the file',
-    r'ros2 (launch|run|bag|param|security|service)': 'PyPI has no ros2; see test_workspace',
+    r'ros2 (launch|run|bag|param|security|service|topic)': 'PyPI has no ros2; see test_workspace',
     r'(python|\.venv/jazzy/bin/python) -m (pytest|benchmarks|tools)': 'takes minutes',
     r'python tools/parameter_tables.py': 'writes into the documents; test_parameters runs it',
     r'panodepth_ros calibrate': 'takes a minute; test_calibrate runs it on a short sweep',
@@ -87,6 +87,7 @@ def test_every_command_is_right_as_far_as_can_be_told(path):
         'ros2 run panodepth_ros fly',
         'ros2 service call /mosaicer/go std_srvs/srv/Trigger',
         'ros2 service call /mosaicer/start std_srvs/srv/SetBool',
+        'ros2 topic echo /mosaicer/state',
         'make tea',
         'make demo OUTPT=x',
         'make demo MODE=fly',
@@ -212,6 +213,11 @@ def _ros2(words: list[str]) -> str:
         if f"create_service({kind}, f'~/{{name}}'" in source:
             offered += re.findall(r"^ *\('(\w+)', self\._on_", source, re.MULTILINE)
         return '' if service in offered else f'{node} offers no {service} as {kind}'
+    if verb == 'topic':
+        _, node, topic = rest[1].split('/')
+        source = (ROOT / 'panodepth_ros' / 'nodes' / f'{node}.py').read_text()
+        published = re.findall(r"create_publisher\(\s*\w+, '~/(\w+)'", source)
+        return '' if topic in published else f'{node} publishes no {topic}'
     return '' if verb in ('bag', 'param', 'security') else f'ros2 {verb} is not known here'
 
 
