@@ -1,5 +1,5 @@
 """
-What the further panoramas of a sweep give beside its best pair: wrong pixels and scan.
+What the further panoramas of a sweep give beside its best pair and SGBM: wrong pixels and scan.
 
     python -m benchmarks.fusion [--data DIR] [--rooms 1 2 3 4 5 6 7 8] [--noise 0]
 
@@ -18,9 +18,13 @@ import numpy as np
 
 from benchmarks import accuracy, report, scenes
 from benchmarks.matching import KEPT
+from benchmarks.methods import Method, peer_method, product_method
 from panodepth_ros.geometry import Panorama
-from panodepth_ros.matching import match, prepare
+from panodepth_ros.matching import prepare
 
+METHODS = (
+    peer_method('SGBM'), product_method('semiglobal'), product_method('semiglobal', further=True)
+)  # fmt: skip
 #: What is measured, in per cent; all but what is kept and the scan's hits had better be small.
 HEAD = ('wrong at 0.90 kept', 'wrong', 'kept', 'distance error, median', 'scan: within 5 %',
         'too far', 'too near')  # fmt: skip
@@ -45,13 +49,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         scene = noisier(
             scenes.own_room(place) if own else scenes.rendered_room(place), options.noise, rng
         )
-        measured = [of_scene(scene, further=further) for further in (False, True)]
+        measured = [of_scene(scene, method) for method in METHODS]
         rows += lines(scene.name, measured)
         if own:
             of_rooms.append(measured)
     if of_rooms:
         rows += lines(f'mean of {len(of_rooms)} furnished rooms', np.mean(of_rooms, axis=0))
-    print(report.table(['', 'panoramas', *HEAD], rows))
+    print(report.table(['', 'method', *HEAD], rows))
     return 0
 
 
@@ -71,9 +75,9 @@ def noisier(scene: scenes.Scene, noise: float, rng: np.random.Generator) -> scen
     )
 
 
-def of_scene(scene: scenes.Scene, *, further: bool) -> list[float]:
-    """Figures of ``HEAD`` of a scene, of the pair alone or with all panoramas, as shares."""
-    found = match(scene.left, scene.right, further=scene.further if further else (), threads=2)
+def of_scene(scene: scenes.Scene, method: Method) -> list[float]:
+    """Figures of ``HEAD`` of a scene, as shares."""
+    found = method.run(scene, 2)
     pixels, scan = accuracy.measure(found, scene), accuracy.scan_score(found, scene)
     return [
         pixels.wrong_at(KEPT), pixels.wrong, pixels.kept, pixels.median_distance_error,
@@ -82,10 +86,14 @@ def of_scene(scene: scenes.Scene, *, further: bool) -> list[float]:
 
 
 def lines(name: str, measured: Sequence[Sequence[float]]) -> list[list[str]]:
-    """Rows of the table, of the pair and of all panoramas."""
+    """Rows of the table, a method each."""
     return [
-        [title, kind, *(f'{100 * value:.{2 if value < 0.01 else 1}f}' for value in values)]
-        for title, kind, values in zip((name, ''), ('pair', 'all'), measured, strict=True)
+        [
+            name if method is METHODS[0] else '',
+            method.name,
+            *(f'{100 * value:.{2 if value < 0.01 else 1}f}' for value in values),
+        ]
+        for method, values in zip(METHODS, measured, strict=True)
     ]
 
 

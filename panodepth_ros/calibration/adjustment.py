@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from panodepth_ros.calibration.tracks import Tracks
+from panodepth_ros.calibration.weighing import spread_of, weigh
 from panodepth_ros.geometry import Mounting, PinholeCamera
 
 Array = npt.NDArray[np.float64]
@@ -36,13 +37,6 @@ _MOST_ITERATIONS = 40
 _SETTLING = 2
 #: Of the sum of squares over the variance; a smaller gain ends the fit.
 _LEAST_GAIN = 1e-2
-#: Errors of points of one such sector may depend on each other [rad].
-_SECTOR = math.radians(30.0)
-#: The sum of all is 0 where the fit ends, so that few sectors would tell nothing.
-_FEWEST_SECTORS = 6
-#: Errors of sightings in one of so many stripes of the image may depend on each other; what is
-#: fitted takes this many of them away: place, slope and bend of the paths, k1, fx.
-_GROUPS, _FITTED = 16, 6
 #: Added to a point's normal matrix, which is many orders larger.
 _FLOOR = 1e-9
 #: Damping at which no step helps any more.
@@ -103,7 +97,7 @@ class Adjusted:
         Azimuth α [rad], arm_radius/l and z/l of each point.
     covariance : ndarray of float64, shape (G, G)
         Of the camera's unknowns in the order given, focal length as its logarithm. Errors within
-        a sector of 30°, and within a sixteenth of the image's width, may depend on each other.
+        a sector and within a stripe of the image may depend on each other (``weighing``).
     bound : ndarray of float64, shape (G,)
         Standard deviations, were the errors of all sightings white noise: Cramér and Rao's bound.
     residual_px : ndarray of float64, shape (T,)
@@ -212,13 +206,18 @@ def adjust(
         damping, system = damping / 10.0, None
         if small:
             break
-    weight, _ = _weights(off, tracks)
+    weight, sigma = _weights(off, tracks)
     system = _System(tracks, camera, points, names, off, weight)
     azimuth = np.nanmean(tracks.arm_azimuth, axis=1)
+    column = (np.nan_to_num(tracks.u) + 0.5) / camera.width
+    information, by_track, by_sighting = system.scores()
+    spread = spread_of(information, by_track, by_sighting, azimuth, column)
+    total, covariance = weigh(information, spread, by_track.sum(axis=0), weak, total)
+    bound = np.sqrt(np.diag(np.linalg.inv(information + np.diag(weak))))
+    camera = moved(begun, names, total)
+    points, off = _settled(tracks, camera, points, residuals(tracks, camera, points), sigma)
     count = np.maximum(np.isfinite(tracks.u).sum(axis=1), 1)
     rms = np.sqrt(np.square(off).sum(axis=(1, 2)) / count)
-    column = (np.nan_to_num(tracks.u) + 0.5) / camera.width
-    covariance, bound = system.uncertainty(weak, azimuth, column)
     return Adjusted(camera, points, covariance, bound, rms)
 
 
@@ -273,13 +272,6 @@ def _slope(
 ) -> Array:
     """Derivative by central differences: what tells fx from k1 is of the third order."""
     return (residuals(tracks, *ahead) - residuals(tracks, *behind)) / (2.0 * size)
-
-
-def _summed(values: Array, group: npt.NDArray[np.int64], count: int) -> Array:
-    """Sums over groups, shape (count, G), of values of shape (…, G)."""
-    summed = np.zeros((count, values.shape[-1]))
-    np.add.at(summed, group, values)
-    return summed
 
 
 class _System:
@@ -341,45 +333,12 @@ class _System:
         step = -np.linalg.solve(matrix, gradients.sum(axis=0) + weak * total)
         return step, -own - back @ step
 
-    def uncertainty(self, weak: Array, azimuth: Array, column: Array) -> tuple[Array, Array]:
-        """
-        Covariance if errors are shared within sectors and within columns; bound for white noise.
-
-        Points of one wall are misjudged alike, for it is seen at a like slant; and what the lens
-        model lacks displaces all that is seen in the same columns alike. Both are taken from the
-        residuals, as sums over such groups (Cameron, Gelbach, Miller 2011: the groups' covariances
-        added, less what both have in common). Few groups may agree by chance: no direction is
-        known better than white noise of the residuals allows.
-
-        Parameters
-        ----------
-        weak : ndarray of float64, shape (G,)
-            Inverse variances of what was given.
-        azimuth : ndarray of float64, shape (T,)
-            Where each point was seen from [rad].
-        column : ndarray of float64, shape (T, K)
-            Where in the image, as share of its width; any number where a point is not seen.
-        """
+    def scores(self) -> tuple[Array, Array, Array]:
+        """Information, shape (G, G); gradient by points, (T, G), and by sightings, (T, K, G)."""
         shares, gradients, back, _ = self._reduced()
-        information = shares.sum(axis=0)
-        count = max(_FEWEST_SECTORS, round(float(np.ptp(azimuth)) / _SECTOR))
-        edges = np.linspace(azimuth.min(), azimuth.max(), count + 1)[1:-1]
-        by_sector = _summed(gradients, np.searchsorted(edges, azimuth), count)
         own = (self._by_camera - self._by_point @ back) * self._off
-        own = own.reshape(*column.shape, 2, -1).sum(axis=2).reshape(-1, len(weak))
-        groups = np.clip(column.ravel() * _GROUPS, 0, _GROUPS - 1).astype(np.int64)
-        by_column = _summed(own, groups, _GROUPS)
-        # White noise is in both, and counts once.
-        spread = (
-            by_sector.T @ by_sector * (count / (count - 1))
-            + by_column.T @ by_column * (_GROUPS / (_GROUPS - _FITTED))
-            - information
-            + np.diag(weak)
+        return (
+            shares.sum(axis=0),
+            gradients,
+            own.reshape(len(own), -1, 2, own.shape[-1]).sum(axis=2),
         )
-        # With information = L·Lᵀ the bound's covariance is L⁻ᵀ·L⁻¹, and that by sectors
-        # L⁻ᵀ·(L⁻¹·spread·L⁻ᵀ)·L⁻¹.
-        root = np.linalg.inv(np.linalg.cholesky(information + np.diag(weak)))
-        size, axes = np.linalg.eigh(root @ spread @ root.T)
-        turned = axes.T @ root
-        covariance = turned.T @ (np.maximum(size, 1.0)[:, np.newaxis] * turned)
-        return covariance, np.sqrt(np.diag(root.T @ root))

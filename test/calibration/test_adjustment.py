@@ -133,20 +133,37 @@ def test_sectors_that_agree_by_chance_tell_no_more_than_white_noise_lets_them():
     assert held.bound[0] == pytest.approx(math.sqrt(left[0, 0]), rel=0.4)
 
 
+def walls(seed):
+    """Tracks of points of twelve walls, each with a bend of its own."""
+    rng = np.random.default_rng(seed)
+    _, points = seen_by(TRUE, 600, 0.0, seed)
+    wall = np.floor((points[:, 0] + math.pi) / (math.pi / 6)).astype(int)
+    inverse = 0.3 / (rng.uniform(0.8, 3.0, 12)[wall] * rng.uniform(0.98, 1.02, 600))
+    return with_distances(points, inverse, rng.normal(0, 0.03, 12)[wall], 0.01, seed)
+
+
 def test_errors_that_points_of_a_wall_share_widen_the_uncertainty():
     off, wider = [], []
     for seed in range(6):
-        rng = np.random.default_rng(seed)
-        _, points = seen_by(TRUE, 600, 0.0, seed)
-        wall = np.floor((points[:, 0] + math.pi) / (math.pi / 6)).astype(int)
-        inverse = 0.3 / (rng.uniform(0.8, 3.0, 12)[wall] * rng.uniform(0.98, 1.02, 600))
-        tracks = with_distances(points, inverse, rng.normal(0, 0.03, 12)[wall], 0.01, seed)
+        tracks = walls(seed)
         found = adjust(tracks, TRUE, NAMES, SWEEP_ALONE, origin=TRUE)
         deviation = math.sqrt(found.covariance[0, 0])
         off.append(math.log(found.camera.fx / F) / deviation)
         wider.append(deviation / found.bound[0])
     assert np.sqrt(np.mean(np.square(off))) < 2.0
     assert np.median(wider) > 3.0, 'white noise is not what errs here'
+
+
+def test_sweep_whose_errors_are_shared_does_not_outweigh_what_was_given():
+    # White noise of these residuals would know fx to 0.1 %, as well as what was given.
+    given, off = SWEEP_ALONE.copy(), []
+    given[NAMES.index('focal_length')] = 0.001
+    for seed in range(6):
+        tracks = walls(seed)
+        found = adjust(tracks, TRUE, NAMES, given, origin=TRUE)
+        assert math.sqrt(found.covariance[0, 0]) < 0.001
+        off.append(math.log(found.camera.fx / F))
+    assert np.sqrt(np.mean(np.square(off))) < 0.0003
 
 
 def test_errors_that_columns_share_widen_the_uncertainty():
