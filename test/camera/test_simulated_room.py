@@ -216,6 +216,13 @@ def test_a_column_is_that_of_the_whole_frame(furnished: Room) -> None:
             np.testing.assert_allclose(column[:, 0].astype(int), whole[:, u], atol=1)
 
 
+@pytest.mark.parametrize('v', [0, 60, 119])
+def test_a_row_is_that_of_the_whole_frame(furnished: Room, v: int) -> None:
+    whole = furnished.render(1.0, CAMERA, RADIUS)
+    row = furnished.render(1.0, replace(CAMERA, height=1, cy=CAMERA.cy - v), RADIUS)
+    assert np.array_equal(row[0], whole[v])
+
+
 def test_nothing_in_view_is_left_out(furnished: Room, textures: Textures) -> None:
     """A closed room whose every face shines has no dark pixel, however little of a face shows."""
     shining = Material('paint', 1.0, glow=1.0)

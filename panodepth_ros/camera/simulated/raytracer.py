@@ -26,7 +26,8 @@ def _in_view(geometry, pose, lens, width, height, chosen):  # type: ignore[no-un
     fx, fy, cx, cy = lens
     axis_x, axis_y = math.cos(azimuth), math.sin(azimuth)
     left, right = (cx + 1.0) / fx, (width - cx) / fx
-    up, down = (cy + 1.0) / fy, (height - cy) / fy
+    # Of an image that the horizon does not cross what is near counts, too, on one side.
+    up, down = max(0.0, (cy + 1.0) / fy), max(0.0, (height - cy) / fy)
     left_scale, right_scale = math.sqrt(1.0 + left * left), math.sqrt(1.0 + right * right)
     count = 0
     for k in range(len(geometry.kind)):
