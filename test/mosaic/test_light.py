@@ -134,7 +134,7 @@ def test_what_is_no_step_is_not_taken_for_a_hidden_one(change):
     assert (swept(change=change, rig=coarse).light_steps()[0] == 1.0).all()
 
 
-@pytest.mark.parametrize(('lit', 'shade'), [(2.0, 0.0), (1.6, 0.6)])
+@pytest.mark.parametrize(('lit', 'shade'), [(2.0, 0.0), (1.5, 0.8)])
 def test_dark_part_of_a_turn_makes_no_steps_of_the_rest(lit, shade):
     """Few cells that are not dark tell no gain, and dark frames not how much others scatter."""
 
